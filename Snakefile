@@ -16,13 +16,13 @@ PARAMETERS = [
 ]
 
 try:
-    given, sources = configuration.read(PARAMETERS)
-    update_config(given, config)  # by what the option --config says
-    configuration.check(given, sources, "workflow/schemas/study.schema.yaml")
+    fields, sources = configuration.read_configuration(PARAMETERS)
+    update_config(fields, config)  # by what the option --config says
+    configuration.check(fields, sources, "workflow/schemas/study.schema.yaml")
 except InputError as fault:
     print(f"unilateral: {fault}", file=sys.stderr)
     sys.exit(fault.exit_code)
-config = given
+config = fields
 
 # Held as long as a process of this run lives: so workflow/resume.py knows whether one does.
 ALIVE = open("Snakefile", encoding="utf-8")

@@ -21,27 +21,29 @@ from unilateral.errors import InputError
 from unilateral.system.files import replacing
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
-STARTS, GUESS = 3.0, 2e-5
+STARTS = 3.0
+GUESS = 2e-5
 """Seconds for the processes of a run, and for an unknown before anything is known of a solver."""
 
 
 class Runner:
     """The plan, and the folder with the data of problems and a file for each run."""
 
-    def __init__(self, given: dict[str, Any], folder: Path) -> None:
-        self.plan, self.folder = given, folder
+    def __init__(self, run_plan: dict[str, Any], folder: Path) -> None:
+        self.plan = run_plan
+        self.folder = folder
         (folder / "data").mkdir(parents=True, exist_ok=True)
         self.paces: dict[str, float] = {}
 
     def all(self, runs: list[Run]) -> list[dict[str, Any]]:
         """The records of all runs, of which those are made that there are not."""
-        found = [self.stored(run) for run in runs]
-        left = [run for run, record in zip(runs, found, strict=True) if record is None]
-        for record in filter(None, found):
+        records = [self.stored(run) for run in runs]
+        waiting = [run for run, record in zip(runs, records, strict=True) if record is None]
+        for record in filter(None, records):
             self.learn(record)
-        for k, run in enumerate(left):
-            minutes = sum(map(self.expected, left[k:])) / 60
-            print(f"{k + 1} of {len(left)}: {run.name}; about {minutes:.0f} min left", flush=True)
+        for k, run in enumerate(waiting):
+            minutes = sum(map(self.expected, waiting[k:])) / 60
+            print(f"{k + 1} of {len(waiting)}: {run.name}; about {minutes:.0f} min left", flush=True)
             self.learn(self.made(run))
         return [record for record in map(self.stored, runs) if record]
 
@@ -52,21 +54,22 @@ class Runner:
         return record if record.get("order") == run.order else None
 
     def expected(self, run: Run) -> float:
-        """Wall-clock seconds."""
+        """The wall-clock seconds that a run is expected to take, by the pace of its solver's runs so far."""
         return STARTS + self.paces.get(run.solver, GUESS) * run.n**2
 
     def learn(self, record: dict[str, Any]) -> None:
-        """How fast a solver is."""
+        """Note how fast a solver is: seconds per unknown."""
         self.paces[record["solver"]] = max(record["seconds"] - STARTS, 0) / record["n"] ** 2
 
     def made(self, run: Run) -> dict[str, Any]:
-        """Runs it, after one run that does not count if it is the solver's first: caches are filled then."""
+        """The record of a run that is made now; a solver's first run is made twice, to fill its caches."""
         start = time.perf_counter()
-        data, found = self.data(run), self.folder / "found.npz"
+        data = self.data(run)
+        solution_file = self.folder / "found.npz"
         if run.solver not in self.paces:
-            self.measured(run, data, found)
-        told = {**self.measured(run, data, found), **self.judged(run, data, found)}
-        record = {"solver": run.solver, "problem": run.problem, "n": run.n, "order": run.order, **told}
+            self.measured(run, data, solution_file)
+        measured = {**self.measured(run, data, solution_file), **self.judged(run, data, solution_file)}
+        record = {"solver": run.solver, "problem": run.problem, "n": run.n, "order": run.order, **measured}
         record["seconds"] = time.perf_counter() - start
         with replacing(self.folder / f"{run.name}.json") as temporary:
             temporary.write_text(json.dumps(record), encoding="utf-8")
@@ -80,24 +83,24 @@ class Runner:
                 started(sys.executable, "benchmarks.problem", "prepare", {**run.order, "n": n}, path)
         return path
 
-    def measured(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
-        """What the driver says."""
+    def measured(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+        """The driver's report."""
         module = self.plan["solvers"][run.solver]["module"]
-        said = started(plan.interpreter(self.plan, run.solver), module, data, found, run.order)
-        measured: dict[str, Any] = json.loads(said.splitlines()[-1])
+        output = started(plan.interpreter(self.plan, run.solver), module, data, solution_file, run.order)
+        measured: dict[str, Any] = json.loads(output.splitlines()[-1])
         return measured
 
-    def judged(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
+    def judged(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
         """The errors of what was found, in the first of the repeats: the others find the same."""
         if run.repeat > 0 or run.n > self.plan["judged"]:
             return {}
-        said = started(sys.executable, "benchmarks.problem", "judge", run.order, data, found)
-        judged: dict[str, Any] = json.loads(said)
+        output = started(sys.executable, "benchmarks.problem", "judge", run.order, data, solution_file)
+        judged: dict[str, Any] = json.loads(output)
         return judged
 
 
 def started(python: str, module: str, *arguments: object) -> str:
-    """What a module of the benchmarks prints, run on one thread in a process of its own."""
+    """The output of a module of the benchmarks, run on one thread in a process of its own."""
     command = plan.command(python, module, *arguments)
     done = subprocess.run(command, cwd=ROOT, env=on_one_thread(), capture_output=True, text=True)
     if done.returncode:
@@ -111,28 +114,30 @@ def on_one_thread() -> dict[str, str]:
 
 
 def available(
-    given: dict[str, Any], sizes: list[str], listed: Callable[..., list[Run]] = plan.runs
+    run_plan: dict[str, Any], sizes: list[str], listed: Callable[..., list[Run]] = plan.runs
 ) -> list[Run]:
     """The runs that are listed, of those sizes if there are any, whose solvers are there.
 
     It is said who is missing. Raises InputError for a size that neither a run nor a command has.
     """
-    known = sorted({run.n for run in plan.runs(given) + plan.commands(given)} - {0})
+    valid_sizes = sorted({run.n for run in plan.runs(run_plan) + plan.commands(run_plan)} - {0})
     for size in sizes:
-        if size not in map(str, known):
-            raise InputError(f"there is no run of size '{size}'; sizes are {', '.join(map(str, known))}")
-    runs = listed(given, [int(size) for size in sizes])
-    lacking = {solver: plan.missing(given, solver) for solver in dict.fromkeys(run.solver for run in runs)}
-    for said in filter(None, lacking.values()):
-        print(f"benchmarks: {said}", file=sys.stderr)
+        if size not in map(str, valid_sizes):
+            raise InputError(
+                f"there is no run of size '{size}'; sizes are {', '.join(map(str, valid_sizes))}"
+            )
+    runs = listed(run_plan, [int(size) for size in sizes])
+    lacking = {solver: plan.missing(run_plan, solver) for solver in dict.fromkeys(run.solver for run in runs)}
+    for reason in filter(None, lacking.values()):
+        print(f"benchmarks: {reason}", file=sys.stderr)
     return [run for run in runs if not lacking[run.solver]]
 
 
 def main(sizes: list[str]) -> int:
     """Runs the plan, or the part of those sizes."""
     try:
-        given = plan.read(FOLDER / "benchmarks.yaml")
-        records = Runner(given, FOLDER / "runs").all(available(given, sizes))
+        run_plan = plan.read(FOLDER / "benchmarks.yaml")
+        records = Runner(run_plan, FOLDER / "runs").all(available(run_plan, sizes))
         machine = json.loads(started(sys.executable, "benchmarks.machine"))
     except InputError as fault:
         print(f"benchmarks: {fault}", file=sys.stderr)
@@ -143,7 +148,7 @@ def main(sizes: list[str]) -> int:
     if sizes and records:
         print(summary.rows(records).to_string(index=False))
     elif not sizes:
-        tables.save(summary.dataset(records, machine), FOLDER / "results.nc", "benchmarks")
+        tables.save_table(summary.dataset(records, machine), FOLDER / "results.nc", "benchmarks")
     return 0
 
 

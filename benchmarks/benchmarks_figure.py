@@ -20,9 +20,9 @@ SOLVERS: dict[str, tuple[str, style.Look]] = {
     "getfem": ("GetFEM, not nested ($H=4h$)", {"color": GREY, "marker": "X"}),
 }
 ALGORITHMS: dict[str, tuple[str, style.Look]] = {
-    "uzawa": ("Uzawa", {"ls": style.LINES[2]}),
-    "nesterov": ("accelerated Uzawa", {"ls": style.LINES[1]}),
-    "newton": ("active set", {"ls": style.LINES[0]}),
+    "uzawa": ("Uzawa", {"ls": style.LINE_STYLES[2]}),
+    "nesterov": ("accelerated Uzawa", {"ls": style.LINE_STYLES[1]}),
+    "newton": ("active set", {"ls": style.LINE_STYLES[0]}),
 }
 BY: dict[str, tuple[str, style.Look]] = {
     "sparse": ("sparse elimination", {"color": style.COLOURS[5], "marker": "D"}),
@@ -37,7 +37,9 @@ PANELS = {
     "space": (r"$\Vert u-u_h\Vert_1$", "peak memory, over that of a linear multigrid solve"),
 }
 PLACES = ((1.45, 10.3), (9.85, 10.3), (1.45, 2.5), (9.85, 2.5))
-ACROSS, TALL, HEIGHT = 6.9, 4.6, 15.6
+ACROSS = 6.9
+TALL = 4.6
+HEIGHT = 15.6
 SHORT = 100
 """An axis whose largest value is less than so many times its least has few powers of 10."""
 THIN: style.Look = {"lw": 1.0, "ms": 4.0, "mec": "white", "mew": 0.3}
@@ -49,69 +51,69 @@ def table(results: style.FilePath) -> pd.DataFrame:
     Above: processor seconds from nothing, or for each further problem, and memory, of `natural`. Below: the
     error of u in H1 over both, as ratios to a linear solve from nothing on the finest mesh with errors.
     """
-    runs = tables.load(results).to_dataframe()
-    parts = [part for way in SOLVERS for part in _of_solver(runs, way)]
-    of_linear = judge.along(runs, judge.LINEAR)
-    unit = of_linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
-    for by in BY:
+    runs = tables.load_table(results).to_dataframe()
+    lines = [line for way in SOLVERS for line in _of_solver(runs, way)]
+    linear = judge.along(runs, judge.LINEAR)
+    unit = linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
+    for system in BY:
         for algorithm in ALGORITHMS:
-            of_way = _errors(runs, by, algorithm)
-            parts.append(
-                _line("work", f"{by} {algorithm}", of_way["cpu_seconds"] / unit["cpu_seconds"], of_way)
+            levels = _errors(runs, system, algorithm)
+            lines.append(
+                _line("work", f"{system} {algorithm}", levels["cpu_seconds"] / unit["cpu_seconds"], levels)
             )
-        parts.append(_line("space", f"{by} newton", of_way["peak_mb"] / unit["peak_mb"], of_way))
-    return pd.concat(parts, ignore_index=True)
+        lines.append(_line("space", f"{system} newton", levels["peak_mb"] / unit["peak_mb"], levels))
+    return pd.concat(lines, ignore_index=True)
 
 
 def _of_solver(runs: pd.DataFrame, way: str) -> list[pd.DataFrame]:
-    of = judge.along(runs, way)
-    both = {"seconds": "cpu_seconds", "memory": "peak_mb"}
+    levels = judge.along(runs, way)
+    columns = {"seconds": "cpu_seconds", "memory": "peak_mb"}
     return [
-        pd.DataFrame({"panel": panel, "label": way, "x": (of.index + 1.0) ** 2, "y": of[column]})
-        for panel, column in both.items()
+        pd.DataFrame({"panel": panel, "label": way, "x": (levels.index + 1.0) ** 2, "y": levels[column]})
+        for panel, column in columns.items()
         if (panel, way) != ("memory", judge.FURTHER)
     ]
 
 
-def _errors(runs: pd.DataFrame, by: str, algorithm: str) -> pd.DataFrame:
-    if by == "multigrid":
-        of_way = (
+def _errors(runs: pd.DataFrame, system: str, algorithm: str) -> pd.DataFrame:
+    if system == "multigrid":
+        levels = (
             judge.along(runs, judge.MULTIGRID)
             if algorithm == "newton"
             else judge.by_multigrid(runs, algorithm)
         )
     else:
-        of_way = judge.along(runs, f"{by} {algorithm}")
-    return of_way.dropna(subset="h1_error")
+        levels = judge.along(runs, f"{system} {algorithm}")
+    return levels.dropna(subset="h1_error")
 
 
-def _line(panel: str, label: str, x: pd.Series, of_way: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": of_way["h1_error"]})
+def _line(panel: str, label: str, x: pd.Series, levels: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": levels["h1_error"]})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """Columns: panel (seconds, memory, work, space), label, x, y. Raises InputError without the table."""
-    data = style.read(csv_path)
-    with style.figure_in(svg_path, HEIGHT) as figure:
+    data = style.read_figure_table(csv_path)
+    with style.open_figure(svg_path, HEIGHT) as figure:
         for (panel, (title, below)), place in zip(PANELS.items(), PLACES, strict=True):
-            axes = style.axes_at(figure, *place, ACROSS, TALL)
+            axes = style.add_axes(figure, *place, ACROSS, TALL)
             for label, line in data[data["panel"] == panel].groupby("label", sort=False):
-                style.log_line(axes, line["x"], line["y"], **{**THIN, **_look(panel, str(label))})
+                style.draw_log_line(axes, line["x"], line["y"], **{**THIN, **_look(panel, str(label))})
             axes.set(title=title, xlabel=below)
             for axis in (axes.xaxis, axes.yaxis):
                 low, high = axis.get_view_interval()
                 axis.set_minor_locator(NullLocator())
                 if high < SHORT * low:
-                    style.few_powers(axis)
-        solvers = [style.key(name, lw=1.0, ms=4.0, **look) for name, look in SOLVERS.values()]
-        ways = [style.key(name, lw=1.0, color=GREY, **look) for name, look in ALGORITHMS.values()]
-        ways += [style.key(name, lw=1.0, ms=4.0, **look) for name, look in BY.values()]
+                    style.set_plain_ticks(axis)
+        solvers = [style.legend_entry(name, lw=1.0, ms=4.0, **look) for name, look in SOLVERS.values()]
+        ways = [style.legend_entry(name, lw=1.0, color=GREY, **look) for name, look in ALGORITHMS.values()]
+        ways += [style.legend_entry(name, lw=1.0, ms=4.0, **look) for name, look in BY.values()]
         for handles, top, columns in ((solvers, 9.1, 3), (ways, 1.2, 3)):
-            style.legend(figure, handles, 1.45, top, ncols=columns, labelspacing=0.4, columnspacing=1.3)
+            style.add_legend(figure, handles, 1.45, top, ncols=columns, labelspacing=0.4, columnspacing=1.3)
 
 
 def _look(panel: str, label: str) -> style.Look:
     if panel in ("seconds", "memory"):
         return SOLVERS[label][1]
-    by, algorithm = label.split()
-    return BY[by][1] | ALGORITHMS[algorithm][1]
+    system, algorithm = label.split()
+    return BY[system][1] | ALGORITHMS[algorithm][1]

@@ -36,6 +36,7 @@ class Whole(Runner):
     """The same runner, of whole processes. What fails, or is not certified, is told and does not count."""
 
     def made(self, run: Run) -> dict[str, Any]:
+        """The record of a run; empty, with a message, if it does not count."""
         try:
             return super().made(run)
         except InputError as fault:
@@ -43,29 +44,32 @@ class Whole(Runner):
             return {}
 
     def learn(self, record: dict[str, Any]) -> None:
+        """Note how fast a solver is, if the run was long enough to tell."""
         if record.get("n", 0) >= SURE:
             super().learn(record)
         elif record:
             self.paces.setdefault(record["solver"], GUESS)
 
     def data(self, run: Run) -> Path:
+        """The problem file of a command, or the data for a driver."""
         return Path(run.order["typed"][1]) if "typed" in run.order else super().data(run)
 
-    def measured(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
-        """What the process took, and what it answers."""
-        typed, module = run.order.get("typed"), self.plan["solvers"][run.solver]["module"]
-        arguments = [*typed, "--json"] if typed else [data, found, run.order]
-        said, took = process(plan.command(plan.interpreter(self.plan, run.solver), module, *arguments))
-        return took | (certified(said) if typed else reported(said, run.n))
+    def measured(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+        """The process's seconds and memory, and its answer."""
+        typed = run.order.get("typed")
+        module = self.plan["solvers"][run.solver]["module"]
+        arguments = [*typed, "--json"] if typed else [data, solution_file, run.order]
+        output, resources = process(plan.command(plan.interpreter(self.plan, run.solver), module, *arguments))
+        return resources | (certified(output) if typed else reported(output, run.n))
 
-    def judged(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
-        """Of a driver's u, in each repeat: a bound on its error over that of ours.
+    def judged(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+        """The bound on the error of a driver's u over that of this project's u, in each repeat.
 
         Raises InputError beyond TWICE.
         """
         if "typed" in run.order:
             return {}
-        judged = super().judged(run._replace(repeat=0), data, found)
+        judged = super().judged(run._replace(repeat=0), data, solution_file)
         over_bound = max(judged["errors"]) / judged["reference"]
         if over_bound > TWICE:
             raise InputError("its u is farther from this project's than the bound on that one's error")
@@ -73,7 +77,7 @@ class Whole(Runner):
 
 
 def process(command: list[str]) -> tuple[str, dict[str, float]]:
-    """What it prints, its processor and wall-clock seconds and MB of 2^20 bytes, its children's among them.
+    """A command's output, its processor and wall-clock seconds and MB of 2^20 bytes, with its children's.
 
     Raises InputError if it fails.
     """
@@ -91,19 +95,20 @@ def process(command: list[str]) -> tuple[str, dict[str, float]]:
         return out.read(), {"cpu_seconds": cpu, "wall": wall, "peak_mb": used.ru_maxrss / 2**10}
 
 
-def certified(said: str) -> dict[str, Any]:
-    """Of what `unilateral solve --json` prints. Raises InputError without a guaranteed relative bound."""
-    found = json.loads(said)
-    bound, levels = found["h1_relative_bound"], [level["unknowns"] for level in found["levels"]]
-    if bound is None or not found["converged"] or (found["goal"] and not found["certified"]):
+def certified(output: str) -> dict[str, Any]:
+    """Numbers that `solve --json` prints. Raises InputError without a guaranteed relative bound."""
+    answer = json.loads(output)
+    bound = answer["h1_relative_bound"]
+    levels = [level["unknowns"] for level in answer["levels"]]
+    if bound is None or not answer["converged"] or (answer["goal"] and not answer["certified"]):
         raise InputError("its answer is not certified")
     over_last = sum(levels) / levels[-1] if levels else 1.0
-    return {"unknowns": found["unknowns"], "relative_bound": bound, "levels_over_last": over_last}
+    return {"unknowns": answer["unknowns"], "relative_bound": bound, "levels_over_last": over_last}
 
 
-def reported(said: str, n: int) -> dict[str, Any]:
-    """Of what a driver prints."""
-    (first, *_) = json.loads(said.splitlines()[-1])["results"]
+def reported(output: str, n: int) -> dict[str, Any]:
+    """The unknowns, and the seconds of the bound over those of the solve, from a driver's output."""
+    (first, *_) = json.loads(output.splitlines()[-1])["results"]
     phases = {name: cpu for name, (cpu, _) in first["phases"].items()}
     bound = phases.pop("bound", None)
     ratio = {} if bound is None else {"bound_over_solve": bound / sum(phases.values())}
@@ -118,40 +123,41 @@ def rows(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for record in records:
         groups.setdefault((record["solver"], record["problem"], record["n"]), []).append(record)
-    found = {key: _row(of) for key, of in groups.items()}
-    for (_, *what), row in found.items():
-        ours = found.get((OURS, *what))
+    rows_by_key = {key: _row(group) for key, group in groups.items()}
+    for (_, *problem_and_size), row in rows_by_key.items():
+        ours = rows_by_key.get((OURS, *problem_and_size))
         row |= {"over_ours": row["cpu_seconds"] / ours["cpu_seconds"]} if ours else {}
-    return list(found.values())
+    return list(rows_by_key.values())
 
 
 def _row(records: list[Mapping[str, Any]]) -> dict[str, Any]:
-    first, seconds = records[0], [record["cpu_seconds"] for record in records]
-    told = {name: first.get(name) for name in ("solver", "problem", "n", "unknowns")}
-    told |= {name: first[name] for name in TOLD if name in first}
+    first = records[0]
+    seconds = [record["cpu_seconds"] for record in records]
+    row = {name: first.get(name) for name in ("solver", "problem", "n", "unknowns")}
+    row |= {name: first[name] for name in TOLD if name in first}
     if "typed" in first["order"]:
-        told["typed"] = " ".join(["unilateral", *first["order"]["typed"]])
-    medians = {name: median(each[name] for each in records) for name in MEDIANS if name in first}
+        row["typed"] = " ".join(["unilateral", *first["order"]["typed"]])
+    medians = {name: median(repeat[name] for repeat in records) for name in MEDIANS if name in first}
     spread = {"cpu_least": min(seconds), "cpu_most": max(seconds), "repeats": len(records)}
-    return {**told, **medians, **spread}
+    return {**row, **medians, **spread}
 
 
 def main(sizes: list[str]) -> int:
     """Runs all commands, or those of the sizes, and prints the table."""
     try:
-        given = plan.read(FOLDER / "benchmarks.yaml")
-        found = rows(Whole(given, FOLDER / "runs/commands").all(available(given, sizes, plan.commands)))
+        run_plan = plan.read(FOLDER / "benchmarks.yaml")
+        table = rows(Whole(run_plan, FOLDER / "runs/commands").all(available(run_plan, sizes, plan.commands)))
         machine = json.loads(started(sys.executable, "benchmarks.machine"))
     except InputError as fault:
         print(f"benchmarks: {fault}", file=sys.stderr)
         return fault.exit_code
     import pandas as pd  # not before: what is started counts the peak memory of who starts it
 
-    print(pd.DataFrame(found).drop(columns=["problem", "wall"], errors="ignore").to_string(index=False))
+    print(pd.DataFrame(table).drop(columns=["problem", "wall"], errors="ignore").to_string(index=False))
     if not sizes:
-        told = {name: machine[name] for name in ("date", "processor")} | {"rows": found}
+        stored = {name: machine[name] for name in ("date", "processor")} | {"rows": table}
         with replacing(FOLDER / "commands.json") as temporary:
-            temporary.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
     return 0
 
 

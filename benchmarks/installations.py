@@ -35,6 +35,7 @@ def environment() -> Iterator[Path]:
 
 
 def pip(python: Path, *arguments: str) -> list[str]:
+    """The command that runs an environment's pip."""
     return [str(python), "-m", "pip", "--disable-pip-version-check", *arguments]
 
 
@@ -50,16 +51,16 @@ def built(folder: Path) -> list[Path]:
 
 
 def installed(package: Path, name: str) -> dict[str, float]:
-    """What a set takes from that file, after it was tried. Raises CalledProcessError where that fails."""
+    """Seconds, MB and packages of a set, installed from that file and tried. Raises CalledProcessError."""
     extra = "" if name == "core" else f"[{name}]"
     with environment() as python, tempfile.TemporaryDirectory() as empty:
-        found = measured(pip(python, "install", "-q", f"{package}{extra}"))
+        installation = measured(pip(python, "install", "-q", f"{package}{extra}"))
         size = disk(python.parent.parent)
         smoke = [str(python), "-W", "error", str(ROOT / "tests/smoke.py"), name]
         subprocess.run(smoke, cwd=empty, check=True)
         listed = subprocess.run(pip(python, "list", "--format=json"), check=True, capture_output=True)
-    packages = {each["name"] for each in json.loads(listed.stdout)} - OWN
-    return {"seconds": found["seconds"], "disk": size, "packages": len(packages)}
+    packages = {entry["name"] for entry in json.loads(listed.stdout)} - OWN
+    return {"seconds": installation["seconds"], "disk": size, "packages": len(packages)}
 
 
 def main() -> None:
@@ -68,9 +69,9 @@ def main() -> None:
         sdist, wheel = built(Path(folder))
         for name in SETS:
             installed(sdist, name)
-        found = {name: installed(wheel, name) for name in SETS}
-    told = {"date": datetime.now(UTC).date().isoformat(), **found}
-    (ROOT / "benchmarks/installations.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        installations = {name: installed(wheel, name) for name in SETS}
+    stored = {"date": datetime.now(UTC).date().isoformat(), **installations}
+    (ROOT / "benchmarks/installations.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg.blas import daxpy
 
-LONG, SIDE, TIMES = 1 << 25, 2048, 5
+LONG = 1 << 25
+SIDE = 2048
+TIMES = 5
 WORDS = 3
 """Moved by y + a x for each entry, as by STREAM's triad: two are read, one is written."""
 
 
 def bandwidth() -> float:
     """Bytes a second of y + a x, far beyond the caches."""
-    x, y = np.ones(LONG), np.ones(LONG)
+    x = np.ones(LONG)
+    y = np.ones(LONG)
     return WORDS * x.nbytes / fastest(lambda: daxpy(x, y, a=1e-3))
 
 
@@ -31,12 +34,12 @@ def flop_rate() -> float:
 
 def fastest(act: Callable[[], object]) -> float:
     """Processor seconds of the fastest of some calls."""
-    found = []
+    seconds = []
     for _ in range(TIMES):
         start = time.process_time()
         act()
-        found.append(time.process_time() - start)
-    return min(found)
+        seconds.append(time.process_time() - start)
+    return min(seconds)
 
 
 def processor() -> str:
@@ -47,6 +50,6 @@ def processor() -> str:
 
 
 if __name__ == "__main__":
-    found = {"bandwidth": bandwidth(), "flop_rate": flop_rate(), "cores": cpu_count()}
+    speeds = {"bandwidth": bandwidth(), "flop_rate": flop_rate(), "cores": cpu_count()}
     today = datetime.now(UTC).date().isoformat()
-    print(json.dumps({**found, "processor": processor(), "date": today}))
+    print(json.dumps({**speeds, "processor": processor(), "date": today}))

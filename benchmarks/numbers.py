@@ -9,10 +9,11 @@ import pandas as pd
 
 from benchmarks import side_by_side
 from benchmarks.side_by_side import NAMES, two_digits
-from study.formats import shown
-from unilateral.formulas.formula import real
+from study.formats import format_value
+from unilateral.formulas.formula import parse_real
 
-OURS, LARGE = "unilateral", 1024
+OURS = "unilateral"
+LARGE = 1024
 """The name under which this project's commands are listed; the n at which the time of the bound is told."""
 PACKAGES = {
     "skfem": "scikit-fem, active set, u ≥ g at the nodes",
@@ -24,15 +25,17 @@ RATES = {"h1": "rate of u, ours", "hm12": "rate of λ, ours"}
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """Times, ratios and scores, as documents name them."""
     return {
         "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
         "commands": of_commands(results["benchmarks/commands"]),
         "trust": of_trust(results["benchmarks/trust"]),
-        "scores": {name: real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
+        "scores": {name: parse_real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """The tables of solvers, phases, problems, commands, certificates and scores."""
     return {
         "benchmarks": side_by_side.solvers(results["benchmarks/results"]),
         "benchmark-phases": side_by_side.phases(results["benchmarks/results"]),
@@ -43,24 +46,21 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
     }
 
 
-def of_commands(told: Mapping[str, Any]) -> dict[str, Any]:
+def of_commands(stored: Mapping[str, Any]) -> dict[str, Any]:
     """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last."""
-    (bound,) = [row for row in told["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
-    levels = [row["levels_over_last"] for row in told["rows"] if row["solver"] == OURS and row["n"] == 0]
+    (bound,) = [row for row in stored["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
+    levels = [row["levels_over_last"] for row in stored["rows"] if row["solver"] == OURS and row["n"] == 0]
     return {
-        **{name: told[name] for name in ("date", "processor")},
+        **{name: stored[name] for name in ("date", "processor")},
         **{name: bound[name] for name in ("unknowns", "bound_over_solve")},
         "levels_over_last": max(levels, default=1.0),
     }
 
 
-def commands(told: Mapping[str, Any]) -> pd.DataFrame:
-    """What whole processes take, from the command to the answer.
-
-    A row per command, then one per other solver and size.
-    """
+def commands(stored: Mapping[str, Any]) -> pd.DataFrame:
+    """Costs of whole processes, from the command to the answer: by command, then by other solver and size."""
     return pd.DataFrame(
-        [_command(row) for names in ([OURS], NAMES) for row in told["rows"] if row["solver"] in names]
+        [_command(row) for names in ([OURS], NAMES) for row in stored["rows"] if row["solver"] in names]
     )
 
 
@@ -68,20 +68,22 @@ def _command(row: Mapping[str, Any]) -> dict[str, str]:
     seconds = f"{two_digits(row['cpu_seconds'])} s"
     return {
         "command, or solver": f"`{row['typed']}`" if "typed" in row else NAMES[row["solver"]],
-        "unknowns": shown(row["unknowns"], "space"),
+        "unknowns": format_value(row["unknowns"], "space"),
         "processor seconds": seconds,
         "per unknown": f"{two_digits(1e6 * row['cpu_seconds'] / row['unknowns'])} µs",
         "memory": f"{row['peak_mb']:.0f} MB",
-        "guaranteed error of u": shown(row["relative_bound"], "up.2g%") if "relative_bound" in row else "–",
+        "guaranteed error of u": format_value(row["relative_bound"], "up.2g%")
+        if "relative_bound" in row
+        else "–",
     }
 
 
-def of_trust(told: Mapping[str, Any]) -> dict[str, Any]:
+def of_trust(stored: Mapping[str, Any]) -> dict[str, Any]:
     """The date, and on the largest mesh what a check takes, also over the bound and the solve before it."""
-    largest = told["rows"][-1]
+    largest = stored["rows"][-1]
     ours = largest["solve"]["seconds"] + largest["bound"]["seconds"]
     return {
-        "date": told["date"],
+        "date": stored["date"],
         **{name: largest[name] for name in ("triangles", "file_mb")},
         **largest["check"],
         "over_ours": largest["check"]["seconds"] / ours,
@@ -92,23 +94,23 @@ TRUST = {"solve": "solve", "bound": "bound", "certificate": "certificate written
 TRUST |= {checker: f"`{checker}.py`" for checker in ("check", "check_formulas")}
 
 
-def trust(told: Mapping[str, Any]) -> pd.DataFrame:
+def trust(stored: Mapping[str, Any]) -> pd.DataFrame:
     """Seconds of a solve, a bound, its certificate and the check, by triangles; more of the largest mesh."""
     table = pd.DataFrame({"part": TRUST.values()})
-    for mesh in told["rows"]:
-        seconds = [f"{two_digits(mesh[part]['seconds'])} s" for part in TRUST]
-        table[f"{shown(mesh['triangles'], 'space')} triangles"] = seconds
-    largest = told["rows"][-1]
+    for mesh in stored["rows"]:
+        seconds = [f"{two_digits(mesh[name]['seconds'])} s" for name in TRUST]
+        table[f"{format_value(mesh['triangles'], 'space')} triangles"] = seconds
+    largest = stored["rows"][-1]
     table["each"] = [f"{two_digits(1e6 * largest[p]['seconds'] / largest['triangles'])} µs" for p in TRUST]
-    return table.assign(memory=[f"{largest[part]['mb']:.0f} MB" for part in TRUST])
+    return table.assign(memory=[f"{largest[name]['mb']:.0f} MB" for name in TRUST])
 
 
-def scores(of: pd.DataFrame) -> pd.DataFrame:
-    """What other packages' solutions of exported cases score.
+def scores(table: pd.DataFrame) -> pd.DataFrame:
+    """The scores of other packages' solutions of exported cases.
 
     A row per case and solver: errors on the finest level over this project's, rates, and the verdict.
     """
-    return pd.DataFrame([_score(row) for _, row in of.sort_values("case", kind="stable").iterrows()])
+    return pd.DataFrame([_score(row) for _, row in table.sort_values("case", kind="stable").iterrows()])
 
 
 def _score(row: pd.Series) -> dict[str, str]:

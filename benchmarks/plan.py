@@ -33,14 +33,14 @@ class Run(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the file that holds what was measured."""
+        """The name of the file that holds what was measured."""
         return f"{self.solver}-{self.problem}-{self.n}-{self.order['H_over_h']}-{self.repeat}"
 
 
 def read(path: Path) -> dict[str, Any]:
     """The file's fields. Raises InputError for what the schema does not allow, and for unknown names."""
     plan = declarations.validate(
-        declarations.read(path, path.name, floats=True), FOLDER / "schema.yaml", path.name
+        declarations.read_declaration(path, path.name, floats=True), FOLDER / "schema.yaml", path.name
     )
     for where, entries in {"runs": plan["runs"], "commands.beside": plan["commands"]["beside"]}.items():
         for i, entry in enumerate(entries):
@@ -58,8 +58,8 @@ def read(path: Path) -> dict[str, Any]:
 def _check(plan: dict[str, Any], where: str, field: str, names: Sequence[str]) -> None:
     for name in names:
         if name not in plan[field]:
-            known = ", ".join(plan[field])
-            raise InputError(f"{where}: '{name}' is unknown; it has to be one of {known}")
+            valid_names = ", ".join(plan[field])
+            raise InputError(f"{where}: '{name}' is unknown; it has to be one of {valid_names}")
 
 
 def runs(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
@@ -68,21 +68,24 @@ def runs(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
 
 
 def commands(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
-    """The same of whole processes; all take turns. Those with an accuracy have n = 0, and no size."""
-    of = plan["commands"]
-    found = [run for entry in of["typed"] for run in _typed(entry, of["solvers"], sizes)]
-    found += [run for entry in of["beside"] for run in _of_entry(plan, entry, sizes or entry["sizes"])]
-    return sorted(found, key=lambda run: run.repeat)
+    """All runs of whole processes, which take turns; those with an accuracy have n = 0, and no size."""
+    declared = plan["commands"]
+    command_runs = [run for entry in declared["typed"] for run in _typed(entry, declared["solvers"], sizes)]
+    command_runs += [
+        run for entry in declared["beside"] for run in _of_entry(plan, entry, sizes or entry["sizes"])
+    ]
+    return sorted(command_runs, key=lambda run: run.repeat)
 
 
 def _typed(entry: dict[str, Any], solvers: Sequence[str], sizes: Sequence[int]) -> Iterator[Run]:
-    file, accuracy = entry["solve"], entry.get("accuracy")
-    wanted = {n: ["--h", f"1/{n}", "--H", f"1/{n // CELLS}"] for n in entry.get("sizes", [])}
+    file = entry["solve"]
+    accuracy = entry.get("accuracy")
+    options_by_size = {n: ["--h", f"1/{n}", "--H", f"1/{n // CELLS}"] for n in entry.get("sizes", [])}
     if sizes:
-        wanted = {n: sized for n, sized in wanted.items() if n in sizes}
+        options_by_size = {n: sized for n, sized in options_by_size.items() if n in sizes}
     elif accuracy:
-        wanted = {0: ["--accuracy", f"{accuracy:g}"]}
-    for n, options in wanted.items():
+        options_by_size = {0: ["--accuracy", f"{accuracy:g}"]}
+    for n, options in options_by_size.items():
         order = {"H_over_h": CELLS, "typed": ["solve", file, *options]}
         for repeat in range(entry.get("repeats", REPEATS)):
             for solver in solvers:
@@ -99,9 +102,9 @@ def _of_entry(plan: dict[str, Any], entry: dict[str, Any], sizes: Sequence[int])
 
 
 def order_of(plan: dict[str, Any], problem: str, n: int) -> dict[str, Any]:
-    """What has to be known to make the problem's data."""
-    of = plan["problems"][problem]
-    where = {"case": of["case"], "polygon": of["polygon"], "flat": of.get("flat", 1)}
+    """The fields of an order from which the problem's data are made."""
+    declared = plan["problems"][problem]
+    where = {"case": declared["case"], "polygon": declared["polygon"], "flat": declared.get("flat", 1)}
     return {**where, "problem": problem, "n": n, "judged": plan["judged"], "stop": plan["stop"]}
 
 
@@ -113,7 +116,8 @@ def interpreter(plan: dict[str, Any], solver: str) -> str:
 
 def missing(plan: dict[str, Any], solver: str) -> str:
     """Why a solver cannot run here, or nothing."""
-    python, needed = interpreter(plan, solver), plan["solvers"][solver].get("imports", [])
+    python = interpreter(plan, solver)
+    needed = plan["solvers"][solver].get("imports", [])
     try:
         subprocess.run(
             [python, "-c", f"import {', '.join(['sys', *needed])}"], check=True, capture_output=True
@@ -128,5 +132,5 @@ def missing(plan: dict[str, Any], solver: str) -> str:
 
 def command(python: str, module: str, *arguments: object) -> list[str]:
     """A module of the benchmarks, started in the project's folder; mappings are handed over as JSON."""
-    told = [json.dumps(each) if isinstance(each, dict) else str(each) for each in arguments]
-    return [python, "-m", module, *told]
+    texts = [json.dumps(argument) if isinstance(argument, dict) else str(argument) for argument in arguments]
+    return [python, "-m", module, *texts]

@@ -25,27 +25,27 @@ import numpy as np
 from benchmarks.peers.driver import matched
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
-from unilateral.discrete.loads import obstacle_means
+from unilateral.discrete.problem_data import obstacle_means
 from unilateral.errors import InputError
-from unilateral.fem.edge_matrix import matrix
+from unilateral.fem.edge_matrix import assemble_by_edges
 from unilateral.fem.form import H1
-from unilateral.fem.hierarchy import Hierarchy, hierarchy
+from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import by_parts, case_moments
+from unilateral.fem.p1 import assemble_load_by_blocks, case_moments
 from unilateral.formulas.formula import compile_numpy
-from unilateral.geometry.mesh import Mesh, conforming, refine
+from unilateral.geometry.mesh import Mesh, build_conforming_mesh, refine_uniformly
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.exact_errors import cell_means
-from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.norms.ritz import h1_distance, multiplier_load
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.problem import Problem, as_formula
-from unilateral.solvers.multigrid import Multigrid, multigrid
+from unilateral.solvers.multigrid import Multigrid, build_multigrid
 from unilateral.system.files import replacing
 
 CONVERGED = 1e-7
@@ -55,9 +55,11 @@ Order = Mapping[str, Any]
 
 def mesh_of(order: Order) -> Mesh:
     """The structured mesh of n squares in a unit, made by refinement."""
-    mesh = structured(named(order["polygon"]), 1 / order["n"])
+    mesh = make_structured_mesh(find_polygon(order["polygon"]), 1 / order["n"])
     return (
-        mesh if order["flat"] == 1 else refine(flattened(mesh.coarse or mesh, order["flat"]), mesh.halvings)
+        mesh
+        if order["flat"] == 1
+        else refine_uniformly(flattened(mesh.coarse or mesh, order["flat"]), mesh.halvings)
     )
 
 
@@ -65,9 +67,9 @@ def flattened(mesh: Mesh, flat: float) -> Mesh:
     """Every second inner node moved to the right, until a share `flat` of the distance h is left."""
     points = mesh.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), mesh.boundary)
-    moved = inner[np.round(points[inner].sum(axis=1) / mesh.h) % 2 == 0]
-    points[moved, 0] += (1 - flat) * mesh.h
-    return conforming(mesh.polygon, points, mesh.triangles)
+    shifted = inner[np.round(points[inner].sum(axis=1) / mesh.h) % 2 == 0]
+    points[shifted, 0] += (1 - flat) * mesh.h
+    return build_conforming_mesh(mesh.polygon, points, mesh.triangles)
 
 
 def prepare(order: Order, path: Path) -> None:
@@ -77,25 +79,26 @@ def prepare(order: Order, path: Path) -> None:
     w. Up to the size `judged` also the mesh, g at its boundary nodes, w and `residual` (n,), r above; beyond
     it the error is that of the size `judged`, smaller by the ratio of the sizes.
     """
-    if problem_file.is_declared_in(order["case"]):
-        _save(path, _unknown(problem_file.load(order["case"]), order))
+    if problem_file.is_problem_file(order["case"]):
+        _save(path, _unknown(problem_file.load_problem(order["case"]), order))
         return
-    case, mesh = cases.load(order["case"], named(order["polygon"])), mesh_of(order)
-    load = by_parts(mesh, partial(case_moments, case))
-    found: dict[str, Any] = {"load": load} | {
+    case = cases.load_solution(order["case"], find_polygon(order["polygon"]))
+    mesh = mesh_of(order)
+    load = assemble_load_by_blocks(mesh, partial(case_moments, case))
+    data: dict[str, Any] = {"load": load} | {
         f"means_{k}": cell_means(case, partition(mesh, k)).g_means for k in OTHER
     }
     if order["n"] <= order["judged"]:
-        found |= _judged(case, mesh, load, found[f"means_{CELLS}"])
+        data |= _judged(case, mesh, load, data[f"means_{CELLS}"])
     else:
-        of_judged = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
-        found["error"] = of_judged["error"] * order["judged"] / order["n"]
-    _save(path, found)
+        judged_data = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
+        data["error"] = judged_data["error"] * order["judged"] / order["n"]
+    _save(path, data)
 
 
-def _save(path: Path, found: dict[str, Any]) -> None:
+def _save(path: Path, data: dict[str, Any]) -> None:
     with replacing(path) as temporary:
-        np.savez(temporary, **found)
+        np.savez(temporary, **data)
 
 
 def partition(mesh: Mesh, edges: int) -> Partition:
@@ -104,32 +107,34 @@ def partition(mesh: Mesh, edges: int) -> Partition:
 
 
 def _judged(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
-    levels = hierarchy(mesh)
+    levels = build_hierarchy(mesh)
     w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
+    # r_i = (u - w, phi_i)_1 = (f, phi_i) + <lambda, phi_i> - (w, phi_i)_1
     residual = load - levels.A @ w
-    residual[mesh.boundary] += flux_load(case, mesh)
-    u, _, gap = case.boundary(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
+    residual[mesh.boundary] += multiplier_load(case, mesh)
+    u, _, gap = case.trace_flux_and_gap(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
     errors = {"w": w, "residual": residual, "error": h1_distance(case, mesh, w)}
     return {**_arrays(mesh), "obstacle": u - gap, **errors}
 
 
 def _arrays(mesh: Mesh) -> dict[str, Any]:
-    found = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32)}
-    return {**found, "boundary": mesh.boundary, "s": mesh.s}
+    arrays = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32)}
+    return {**arrays, "boundary": mesh.boundary, "s": mesh.s}
 
 
 def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
-    """The same of a problem file; `error` is the bound on w's."""
+    """The data of a problem file, as `prepare` has them; `error` is the guaranteed bound on that of w."""
     mesh = mesh_of(order)
-    data, cells = enclose_data(problem, mesh, H1), {k: partition(mesh, k) for k in OTHER}
+    data = enclose_data(problem, mesh, H1)
+    cells = {k: partition(mesh, k) for k in OTHER}
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
-    w = grid(mesh, hierarchy(mesh), data.load, means[CELLS], CELLS).solve(CONVERGED)
+    w = grid(mesh, build_hierarchy(mesh), data.load, means[CELLS], CELLS).solve(CONVERGED)
     bound = local_bound(data, cells[CELLS], w.u, w.lambda_H, H1)
     obstacles = [as_formula(g) for g in problem.g]
     on_sides = np.stack(compile_numpy(obstacles, "xy")(*mesh.points[mesh.boundary].T))
     g = on_sides[mesh.side, np.arange(len(mesh.boundary))]
-    known = {"load": data.load, "obstacle": g, "w": w.u, "error": bound.u}
-    return {**_arrays(mesh), **known, **{f"means_{k}": means[k] for k in OTHER}}
+    stored = {"load": data.load, "obstacle": g, "w": w.u, "error": bound.u}
+    return {**_arrays(mesh), **stored, **{f"means_{k}": means[k] for k in OTHER}}
 
 
 def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -> Multigrid:
@@ -138,26 +143,32 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
     cells = nested_cells(levels, cells_of_H)
     if cells is None:
         raise InputError(f"cells of {edges} edges do not fit the mesh; take a size that is a multiple of 4")
-    return multigrid(levels, cells, load, cells_of_H.lengths * means)
+    return build_multigrid(levels, cells, load, cells_of_H.lengths * means)
 
 
-def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
+def judge(order: Order, data: Path, solutions: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w; bounds on them where u is not known."""
-    known, given, mesh = np.load(data), np.load(found), mesh_of(order)
-    A, *_ = matrix(mesh.triangulation, mesh.points)
-    numbers, squares = matched(known["points"], given["points"]), []
-    for k in range(len(given.files) - 1):
-        apart = known["w"] - given[f"u_{k}"][numbers]
-        if "residual" not in known:
-            squares.append((float(known["error"]) + math.sqrt(apart @ (A @ apart))) ** 2)
+    stored = np.load(data)
+    candidates = np.load(solutions)
+    mesh = mesh_of(order)
+    A, *_ = assemble_by_edges(mesh.triangulation, mesh.points)
+    numbers = matched(stored["points"], candidates["points"])
+    squares = []
+    for k in range(len(candidates.files) - 1):
+        difference = stored["w"] - candidates[f"u_{k}"][numbers]
+        if "residual" not in stored:
+            # ||u - v||_1 <= bound on ||u - w||_1 + ||w - v||_1
+            squares.append((float(stored["error"]) + math.sqrt(difference @ (A @ difference))) ** 2)
             continue
-        squares.append(float(known["error"] ** 2 + 2 * known["residual"] @ apart + apart @ (A @ apart)))
-    return {"reference": float(known["error"]), "errors": [math.sqrt(max(square, 0)) for square in squares]}
+        squares.append(
+            float(stored["error"] ** 2 + 2 * stored["residual"] @ difference + difference @ (A @ difference))
+        )
+    return {"reference": float(stored["error"]), "errors": [math.sqrt(max(square, 0)) for square in squares]}
 
 
-def main(what: str, order: str, *paths: str) -> None:
-    """What the runner asks for, in a process of its own."""
-    if what == "prepare":
+def main(task: str, order: str, *paths: str) -> None:
+    """Prepare a problem's data, or judge a solution, as the runner asks in a process of its own."""
+    if task == "prepare":
         prepare(json.loads(order), Path(paths[0]))
     else:
         print(json.dumps(judge(json.loads(order), Path(paths[0]), Path(paths[1]))))

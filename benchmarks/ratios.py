@@ -10,7 +10,9 @@ import xarray as xr
 
 NODAL = 0
 """The H/h of solvers that have no cells."""
-MULTIGRID, FURTHER, LINEAR = "multigrid", "further", "linear"
+MULTIGRID = "multigrid"
+FURTHER = "further"
+LINEAR = "linear"
 PEERS = ("fenicsx", "skfem", "ngsolve")
 """The other solvers with nodal constraints."""
 OTHERS = (*PEERS, "getfem")
@@ -30,14 +32,15 @@ def along(
     return runs[chosen].set_index("n").sort_index()
 
 
-def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID) -> pd.Series:
+def ratios(runs: pd.DataFrame, way: str, reference: str = MULTIGRID) -> pd.Series:
     """Seconds of a way over those of another one, for `natural`, over n where both were measured."""
-    return (along(runs, way)["cpu_seconds"] / along(runs, to)["cpu_seconds"]).dropna()
+    return (along(runs, way)["cpu_seconds"] / along(runs, reference)["cpu_seconds"]).dropna()
 
 
 def growth(seconds: pd.Series) -> float:
     """p of seconds ~ n^p, between the first and the last n."""
-    first, last = seconds.index[0], seconds.index[-1]
+    first = seconds.index[0]
+    last = seconds.index[-1]
     return math.log(seconds[last] / seconds[first]) / math.log(last / first)
 
 
@@ -49,8 +52,8 @@ def reads(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
 
 def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
     """The share of the machine's dense arithmetic that the elimination by macro-elements reaches."""
-    of = along(runs, "recursive uzawa").loc[n]
-    return float(of["operations"] / of["assembly_cpu"] / table["flop_rate"])
+    run = along(runs, "recursive uzawa").loc[n]
+    return float(run["operations"] / run["assembly_cpu"] / table["flop_rate"])
 
 
 def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
@@ -59,9 +62,11 @@ def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
 
 
 def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
-    """What an algorithm on the boundary would take if each of its steps were one linear solve: predicted."""
-    steps, linear = along(runs, f"recursive {algorithm}"), along(runs, LINEAR)
+    """Predicted cost of an algorithm on the boundary if each of its steps were one linear multigrid solve."""
+    steps = along(runs, f"recursive {algorithm}")
+    linear = along(runs, LINEAR)
     predicted = linear.loc[linear.index.intersection(steps.index)].copy()
+    # Matrices once, and a linear solve in each of the steps that were counted on the boundary
     predicted["cpu_seconds"] = predicted["assembly_cpu"] + steps["iterations"] * predicted["solve_cpu"]
     predicted["h1_error"] = steps["h1_error"]
     return predicted

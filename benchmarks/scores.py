@@ -22,9 +22,9 @@ from benchmarks.plan import FOLDER, ROOT
 from unilateral import api
 from unilateral.errors import InputError
 from unilateral.exchange import score as scores
-from unilateral.exchange.export import export
-from unilateral.exchange.exported_folder import exported, foreign
-from unilateral.formulas.formula import real
+from unilateral.exchange.export import export_case
+from unilateral.exchange.exported_folder import read_exported_folder, read_foreign_solution
+from unilateral.formulas.formula import parse_real
 from unilateral.system.files import replacing
 
 DIGITS = 4
@@ -32,45 +32,59 @@ DIGITS = 4
 
 
 def solutions(python: str, driver: Path, case: str) -> list[tuple[str, str | None]]:
-    """What a driver writes for the exported folder of that name: files of u, with one of multipliers if any.
+    """A driver's files of u for the exported folder of that name, each with that of multipliers if any.
 
     Raises InputError with what the driver says if it fails.
     """
     done = subprocess.run([python, str(driver), case], capture_output=True, text=True)
     if done.returncode:
         raise InputError(f"{driver.name} ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
-    of_u, of_lambda = (sorted(map(str, Path().glob(f"{case}*{end}.csv"))) for end in ("_?", "_cells"))
-    return list(zip_longest(of_u, of_lambda))
+    u_files = sorted(map(str, Path().glob(f"{case}*_?.csv")))
+    multiplier_files = sorted(map(str, Path().glob(f"{case}*_cells.csv")))
+    return list(zip_longest(u_files, multiplier_files))
 
 
 def scored(python: str, driver: Path, name: str, sizes: dict[str, Any]) -> dict[str, Any]:
     """How a driver does on a case: ratios on the finest level, the rates beside this project's, a verdict."""
-    h, H, levels = real(sizes["h"], "h"), real(sizes["H"], "H"), sizes["levels"]
+    h = parse_real(sizes["h"], "h")
+    H = parse_real(sizes["H"], "H")
+    levels = sizes["levels"]
     case = api.case(name)
     with TemporaryDirectory() as folder, chdir(folder):
-        export(case, api.KINDS["structured"](case.polygon, h * 2 ** (levels - 1)), H, levels, name)
-        known, meshes = exported(name)
-        given = [foreign(meshes, *files) for files in solutions(python, driver, name)]
-    found = [scores.score(known, each) for each in given]
-    rates, finest = scores.rates(known, found), min(found, key=lambda each: each.given.level.mesh.h)
-    row: dict[str, Any] = {"case": name, "h": sizes["h"], "H": sizes["H"], "multiplier": finest.given.kind}
+        export_case(case, api.MESH_KINDS["structured"](case.polygon, h * 2 ** (levels - 1)), H, levels, name)
+        exported, meshes = read_exported_folder(name)
+        foreign_solutions = [
+            read_foreign_solution(meshes, *files) for files in solutions(python, driver, name)
+        ]
+    scored_solutions = [scores.score_solution(exported, score) for score in foreign_solutions]
+    rates = scores.compute_rates(exported, scored_solutions)
+    finest = min(scored_solutions, key=lambda score: score.solution.level.mesh.h)
+    row: dict[str, Any] = {
+        "case": name,
+        "h": sizes["h"],
+        "H": sizes["H"],
+        "multiplier": finest.solution.multiplier_kind,
+    }
     for norm, rate in rates.items():
-        ratio = scores.error_in(finest.errors, norm) / scores.error_in(finest.own, norm)
+        ratio = scores.select_error(finest.errors, norm) / scores.select_error(finest.reference_errors, norm)
         row |= {f"{norm}_over_own": ratio, f"{norm}_rate": rate.observed, f"{norm}_own_rate": rate.own}
-    return row | {"faults": sum(len(each.faults) for each in found), "verdict": scores.verdict(found, rates)}
+    return row | {
+        "faults": sum(len(score.faults) for score in scored_solutions),
+        "verdict": scores.state_verdict(scored_solutions, rates),
+    }
 
 
-def rows(given: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def rows(run_plan: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """A row per case and driver whose package is there."""
-    for solver, driver in given["scores"]["drivers"].items():
-        lacking = plan.missing(given, solver)
+    for solver, driver in run_plan["scores"]["drivers"].items():
+        lacking = plan.missing(run_plan, solver)
         if lacking:
             print(f"score: {lacking}", file=sys.stderr)
             continue
-        for case in given["scores"]["cases"]:
+        for case in run_plan["scores"]["cases"]:
             print(f"{solver}: {case}", flush=True)
-            python = plan.interpreter(given, solver)
-            yield {"solver": solver, **scored(python, ROOT / driver, case, given["scores"])}
+            python = plan.interpreter(run_plan, solver)
+            yield {"solver": solver, **scored(python, ROOT / driver, case, run_plan["scores"])}
 
 
 def main() -> int:

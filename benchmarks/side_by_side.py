@@ -9,8 +9,8 @@ import pandas as pd
 import xarray as xr
 
 from benchmarks import ratios as judge
-from study.formats import shown
-from unilateral.discrete.choice import PAYS
+from study.formats import format_value
+from unilateral.discrete.choice import MIN_MULTIGRID_UNKNOWNS
 
 SHOWN = (256, 512, 1024)
 NAMES = {
@@ -51,18 +51,19 @@ def solvers(table: xr.Dataset) -> pd.DataFrame:
 
 
 def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
-    of, ratio = judge.along(runs, way), judge.ratios(runs, way)
+    levels = judge.along(runs, way)
+    ratio = judge.ratios(runs, way)
     row = {"`natural`, H = 2h": NAMES[way]}
     for n in SHOWN:
         cell = "–"
-        if n in of.index:
-            seconds = f"{two_digits(of['cpu_seconds'][n])} s"
-            alone = way in (judge.MULTIGRID, *judge.OTHERS)
-            cell = seconds if alone else f"× {two_digits(ratio[n])} ({seconds})"
-        row[f"{shown((n + 1) ** 2, 'space')} unknowns"] = cell
-    last = of.index[of.index <= SHOWN[-1]].max()
-    at = "" if last == SHOWN[-1] else f" (at {shown((last + 1) ** 2, 'space')})"
-    row["peak memory"] = f"{shown(float(of['peak_mb'][last]), '.0f')} MB{at}"
+        if n in levels.index:
+            seconds = f"{two_digits(levels['cpu_seconds'][n])} s"
+            is_absolute = way in (judge.MULTIGRID, *judge.OTHERS)
+            cell = seconds if is_absolute else f"× {two_digits(ratio[n])} ({seconds})"
+        row[f"{format_value((n + 1) ** 2, 'space')} unknowns"] = cell
+    last = levels.index[levels.index <= SHOWN[-1]].max()
+    size_note = "" if last == SHOWN[-1] else f" (at {format_value((last + 1) ** 2, 'space')})"
+    row["peak memory"] = f"{format_value(float(levels['peak_mb'][last]), '.0f')} MB{size_note}"
     return row
 
 
@@ -73,24 +74,25 @@ def two_digits(value: float) -> str:
 
 def phases(table: xr.Dataset) -> pd.DataFrame:
     """Seconds of each phase in the middle of the sizes, their spread, iterations; growth over all sizes."""
-    runs, n = table.to_dataframe(), SHOWN[1]
+    runs = table.to_dataframe()
+    n = SHOWN[1]
     rows = []
     for way, name in NAMES.items():
-        of = judge.along(runs, way)
-        if n in of.index:
-            at = of.loc[n]
+        levels = judge.along(runs, way)
+        if n in levels.index:
+            run = levels.loc[n]
             row = {f"seconds at n = {n}": name} | {
-                title: two_digits(at[f"{phase}_cpu"]) for phase, title in PHASES.items()
+                title: two_digits(run[f"{phase}_cpu"]) for phase, title in PHASES.items()
             }
-            row["least to most"] = " to ".join(two_digits(at[f"cpu_{end}"]) for end in ("least", "most"))
-            row |= {title: _count(at[column]) for column, title in COUNTS.items()}
-            row["p"] = f"{judge.growth(of['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
+            row["least to most"] = " to ".join(two_digits(run[f"cpu_{end}"]) for end in ("least", "most"))
+            row |= {title: _count(run[column]) for column, title in COUNTS.items()}
+            row["p"] = f"{judge.growth(levels['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
             rows.append(row)
     return pd.DataFrame(rows)
 
 
 def _count(value: float) -> str:
-    return "–" if pd.isna(value) else shown(value, "space")
+    return "–" if pd.isna(value) else format_value(value, "space")
 
 
 def problems(table: xr.Dataset) -> pd.DataFrame:
@@ -98,32 +100,40 @@ def problems(table: xr.Dataset) -> pd.DataFrame:
     runs = table.to_dataframe()
     rows = []
     for problem, name in PROBLEMS.items():
-        of = judge.along(runs, judge.MULTIGRID, problem).loc[: SHOWN[-1]]
+        levels = judge.along(runs, judge.MULTIGRID, problem).loc[: SHOWN[-1]]
         further = judge.along(runs, judge.FURTHER, problem)["cpu_seconds"]
-        n = of.index[-1]
-        row = {"problem": name, "iterations": _span(of["iterations"]), "sets": _span(of["sets"]), "n": str(n)}
-        row |= {"seconds": two_digits(of["cpu_seconds"][n]), "each further": two_digits(further[n])}
+        n = levels.index[-1]
+        row = {
+            "problem": name,
+            "iterations": _span(levels["iterations"]),
+            "sets": _span(levels["sets"]),
+            "n": str(n),
+        }
+        row |= {"seconds": two_digits(levels["cpu_seconds"][n]), "each further": two_digits(further[n])}
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def _span(counts: pd.Series) -> str:
-    least, most = int(counts.min()), int(counts.max())
-    return str(least) if least == most else f"{least} to {most}"
+    smallest = int(counts.min())
+    largest = int(counts.max())
+    return str(smallest) if smallest == largest else f"{smallest} to {largest}"
 
 
 def numbers(table: xr.Dataset) -> dict[str, Any]:
     """The machine, times and ratios by way and n, growth, iterations and what of the machine is used."""
-    runs, n = table.to_dataframe(), SHOWN[-1]
+    runs = table.to_dataframe()
+    n = SHOWN[-1]
     multigrid = judge.along(runs, judge.MULTIGRID)
-    counts, largest = judge.iterations(runs, PROBLEMS), multigrid.index[-1]
+    counts = judge.iterations(runs, PROBLEMS)
+    largest = multigrid.index[-1]
     return {
         **{name: table[name].item() for name in ("date", "processor", "cores")},
         "growth": judge.growth(multigrid["cpu_seconds"].loc[SHOWN[1] :]),
         "grows_from": SHOWN[1],
         "largest": {"n": int(largest), "unknowns": int(largest + 1) ** 2}
         | {name: float(multigrid[name][largest]) for name in ("cpu_seconds", "peak_mb")},
-        "pays": PAYS,
+        "pays": MIN_MULTIGRID_UNKNOWNS,
         "worst": float(runs.loc[comparable(runs), "over_discrete"].max() - 1),
         "zones": float((counts["zones_37"] / counts["natural"]).max()),
         "slivers": int(counts["slivers"].max()),

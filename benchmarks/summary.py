@@ -20,12 +20,14 @@ Record = Mapping[str, Any]
 
 def rows(records: Iterable[Record]) -> pd.DataFrame:
     """A row per way, problem, n and H/h, 0 where there are no cells; what nobody measured is NaN."""
-    each = pd.DataFrame([row for record in records for row in of_record(record)])
-    grouped = each.groupby(KEYS, sort=False)
-    found = grouped[list(MEDIANS)].median()
+    results = pd.DataFrame([row for record in records for row in of_record(record)])
+    grouped = results.groupby(KEYS, sort=False)
+    medians = grouped[list(MEDIANS)].median()
     seconds = grouped["cpu_seconds"]
-    found["cpu_least"], found["cpu_most"], found["repeats"] = seconds.min(), seconds.max(), seconds.count()
-    return found.reset_index()
+    medians["cpu_least"] = seconds.min()
+    medians["cpu_most"] = seconds.max()
+    medians["repeats"] = seconds.count()
+    return medians.reset_index()
 
 
 def of_record(record: Record) -> list[dict[str, Any]]:
@@ -52,11 +54,11 @@ def of_record(record: Record) -> list[dict[str, Any]]:
 
 def of_phases(phases: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     """Processor seconds of the phases, of all of them, and the wall-clock time of all."""
-    found = dict.fromkeys(PHASES.values(), 0.0)
+    seconds = dict.fromkeys(PHASES.values(), 0.0)
     for name, (cpu, _) in phases.items():
-        found[PHASES[name]] += cpu
+        seconds[PHASES[name]] += cpu
     cpu, wall = map(sum, zip(*phases.values(), strict=True))
-    return {**found, "cpu_seconds": float(cpu), "wall": float(wall)}
+    return {**seconds, "cpu_seconds": float(cpu), "wall": float(wall)}
 
 
 def dataset(records: Iterable[Record], machine: Mapping[str, Any]) -> xr.Dataset:

@@ -35,45 +35,46 @@ Part = dict[str, float]
 
 
 def row(n: int) -> dict[str, Any]:
-    """What each part takes at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
+    """Costs of each part at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
     with TemporaryDirectory() as folder:
-        polynomials, formulas = (Path(folder, f"{name}.json.gz") for name in ("polynomials", "formulas"))
+        polynomials = Path(folder, "polynomials.json.gz")
+        formulas = Path(folder, "formulas.json.gz")
         runs = [measured(n, polynomials, formulas) for _ in range(REPEATS)]
         size = polynomials.stat().st_size / 2**20
-    parts = {
+    medians = {
         name: {unit: median(run[name][unit] for run in runs) for unit in ("seconds", "mb")}
         for name in ("solve", "bound", "certificate", *CHECKERS)
     }
-    return {"n": n, "triangles": runs[0]["triangles"], "file_mb": size, **parts}
+    return {"n": n, "triangles": runs[0]["triangles"], "file_mb": size, **medians}
 
 
 def measured(n: int, polynomials: Path, formulas: Path) -> dict[str, Any]:
     """All parts once: the program in one process, then a process for each checker."""
-    said, _ = process([sys.executable, "-m", "benchmarks.trust", "--program", str(n), str(polynomials)])
+    output, _ = process([sys.executable, "-m", "benchmarks.trust", "--program", str(n), str(polynomials)])
     certificate = json.loads(gzip.decompress(polynomials.read_bytes()))
     formulas.write_bytes(gzip.compress(json.dumps(with_formulas(certificate)).encode()))
     files = {"check": polynomials, "check_formulas": formulas}
     checks = {name: checked(program, files[name]) for name, program in CHECKERS.items()}
-    return {**json.loads(said), **checks}
+    return {**json.loads(output), **checks}
 
 
 def checked(program: str, certificate: Path) -> Part:
-    """What a checker takes, from its start to its end. Raises CalledProcessError if it refuses."""
+    """Costs of a checker, from its start to its end. Raises CalledProcessError if it refuses."""
     return process([sys.executable, "-I", str(ROOT / "certificate" / program), str(certificate)])[1]
 
 
 def process(command: list[str]) -> tuple[str, Part]:
-    """What it prints, its processor seconds and its peak MB. Raises CalledProcessError if it fails."""
+    """A command's output, processor seconds and peak MB. Raises CalledProcessError if it fails."""
     environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
     running = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
     assert running.stdout is not None  # it is a pipe
     with running.stdout as printed:
-        said = printed.read()
-    _, status, used = os.wait4(running.pid, 0)
+        output = printed.read()
+    _, status, resources = os.wait4(running.pid, 0)
     running.returncode = os.waitstatus_to_exitcode(status)
     if running.returncode:
         raise subprocess.CalledProcessError(running.returncode, command)
-    return said, {"seconds": used.ru_utime + used.ru_stime, "mb": used.ru_maxrss / 2**10}
+    return output, {"seconds": resources.ru_utime + resources.ru_stime, "mb": resources.ru_maxrss / 2**10}
 
 
 def program(n: int, certificate: str) -> dict[str, Any]:
@@ -84,13 +85,14 @@ def program(n: int, certificate: str) -> dict[str, Any]:
     import unilateral as ul
 
     ul.solve(ROOT / PROBLEM, h=1 / 4, H=1 / 2).save_certificate(certificate)
-    parts: dict[str, Any] = {}
+    stages: dict[str, Any] = {}
     times = [time.process_time()]
 
-    def ended(part: str) -> None:
+    def ended(stage: str) -> None:
+        """Note the seconds since the stage before, and the peak memory so far."""
         times.append(time.process_time())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-        parts[part] = {"seconds": times[-1] - times[-2], "mb": peak}
+        stages[stage] = {"seconds": times[-1] - times[-2], "mb": peak}
 
     s = ul.solve(ROOT / PROBLEM, h=1 / n, H=2 / n, mesh="structured")
     ended("solve")
@@ -98,11 +100,11 @@ def program(n: int, certificate: str) -> dict[str, Any]:
     ended("bound")
     s.save_certificate(certificate)
     ended("certificate")
-    return {"triangles": len(s.mesh.triangles), **parts}
+    return {"triangles": len(s.mesh.triangles), **stages}
 
 
 def with_formulas(certificate: dict[str, Any]) -> dict[str, Any]:
-    """The same certificate with formulas in place of its polynomials, and WAVE added to f."""
+    """A copy of the certificate with formulas in place of its polynomials, and WAVE added to f."""
     problem = certificate["problem"]
     sides = [{kind: formula(terms) for kind, terms in side.items()} for side in problem["sides"]]
     return {**certificate, "problem": {**problem, "f": formula(problem["f"]) + WAVE, "sides": sides}}
@@ -123,8 +125,8 @@ def main(sizes: list[str]) -> None:
         from benchmarks.machine import processor
 
         today = datetime.now(UTC).date().isoformat()
-        told = {"date": today, "processor": processor(), "problem": PROBLEM, "rows": rows}
-        (ROOT / "benchmarks/trust.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        stored = {"date": today, "processor": processor(), "problem": PROBLEM, "rows": rows}
+        (ROOT / "benchmarks/trust.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -23,14 +23,15 @@ MB = 2**20
 
 def measured(command: list[str]) -> dict[str, float]:
     """Seconds of a command, and the MB of it and all that it started. Raises CalledProcessError."""
-    start, most = time.perf_counter(), 0.0
+    start = time.perf_counter()
+    peak = 0.0
     with subprocess.Popen(command, cwd=ROOT, start_new_session=True) as running:
         while running.poll() is None:
-            most = max(most, resident(running.pid))
+            peak = max(peak, resident(running.pid))
             time.sleep(LOOK)
     if running.returncode:
         raise subprocess.CalledProcessError(running.returncode, command)
-    return {"seconds": time.perf_counter() - start, "memory": most}
+    return {"seconds": time.perf_counter() - start, "memory": peak}
 
 
 def resident(session: int) -> float:
@@ -54,9 +55,9 @@ def main() -> None:
     """Raises CalledProcessError where a command fails."""
     if (ROOT / ".venv").exists() or (ROOT / "results").exists():
         sys.exit("benchmarks.whole: .venv or results/ is there; run it in a fresh clone")
-    found = {"study": {**measured(["make"]), "disk": disk(ROOT)}, "tests": measured(["make", "test"])}
-    told = {"date": datetime.now(UTC).date().isoformat(), "cores": os.cpu_count(), **found}
-    (ROOT / "benchmarks/whole.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    totals = {"study": {**measured(["make"]), "disk": disk(ROOT)}, "tests": measured(["make", "test"])}
+    stored = {"date": datetime.now(UTC).date().isoformat(), "cores": os.cpu_count(), **totals}
+    (ROOT / "benchmarks/whole.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -375,8 +375,9 @@ class Formula(Polynomial):
             raise Refused(f"{self.text}: {reason}") from None
 
     def on_triangle(self, points, D):
-        """Six values, their unit, and how many units f may be off the quadratic function with these values, in the
-        root mean square. The points/D are the corners of a triangle, then the midpoints opposite to them.
+        """Six values, their unit, and how many units f may be off the quadratic function with these values.
+
+        The last is a root mean square. The points/D are the corners of a triangle, then the midpoints opposite to them.
         """
         if self.degree <= 2:
             return self.polynomial.on_triangle(points, D)
@@ -401,8 +402,10 @@ class Formula(Polynomial):
         return turn(values[:3], -first) + turn(values[3:], -first), 36 * ONE, doubt
 
     def on_edge(self, a, b):
-        """Lower and upper bounds on three coefficients: at each point of the edge from a to b, f is a polynomial with
-        coefficients in these bounds, in Bernstein's basis. It may be another one at each point.
+        """Lower and upper bounds on three coefficients in Bernstein's basis.
+
+        At each point of the edge from a to b, f is a polynomial with coefficients in these bounds. It may be
+        another one at each point.
         """
         if self.degree <= 20:
             try:

@@ -18,20 +18,20 @@ from sentences import recorder
 from study import tables
 from study.ledger import claims
 from unilateral.cli import main
-from unilateral.discrete.condensed import with_solution
-from unilateral.exchange.score import solve_level
+from unilateral.discrete.condensed import discretise_case
+from unilateral.exchange.score import solve_reference
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named
-from unilateral.geometry.polygon import names as polygon_names
-from unilateral.geometry.structured import structured
-from unilateral.norms.exact_errors import Exact, cell_means
+from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.polygon import polygon_names as polygon_names
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.exact_errors import CaseProjections, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file
-from unilateral.problems.case import load as load_case
-from unilateral.problems.case_certificate import certify
+from unilateral.problems.case import load_solution as load_case
+from unilateral.problems.case_certificate import certify_case
 
 # Tests interrupt themselves and processes that they start, but a shell lets what it runs in the background
 # ignore interrupts.
@@ -124,12 +124,12 @@ def config(name):
 @cache
 def stored(name):
     """A table of the study's results."""
-    return tables.load(RESULTS / f"{name}.nc")
+    return tables.load_table(RESULTS / f"{name}.nc")
 
 
 @cache
 def load(name, polygon="square", side=0):
-    return load_case(name, named(polygon), side)
+    return load_case(name, find_polygon(polygon), side)
 
 
 @pytest.fixture
@@ -137,13 +137,13 @@ def shared_cases(monkeypatch):
     """Cases of the catalogue are loaded, enclosed and certified once, whoever asks for them."""
 
     def shared(case, polygon, side=0):
-        of_catalogue = str(case) in cases.names() and polygon.name in polygon_names()
-        if of_catalogue and np.array_equal(polygon.vertices, named(polygon.name).vertices):
+        of_catalogue = str(case) in cases.case_names() and polygon.name in polygon_names()
+        if of_catalogue and np.array_equal(polygon.vertices, find_polygon(polygon.name).vertices):
             return load(str(case), polygon.name, side)
         return load_case(case, polygon, side)
 
-    monkeypatch.setattr(cases, "load", shared)
-    monkeypatch.setattr("unilateral.cli.cases.certify", certificate)
+    monkeypatch.setattr(cases, "load_solution", shared)
+    monkeypatch.setattr("unilateral.cli.cases.certify_case", certificate)
 
 
 @pytest.fixture(scope="module")
@@ -157,24 +157,24 @@ def levels_solved_once(monkeypatch, own_solutions):
 
     def solve_once(case, level):
         mesh = level.mesh
-        arrays = mesh.polygon.vertices, mesh.points, mesh.triangles, level.cells.points
+        arrays = mesh.polygon.vertices, mesh.points, mesh.triangles, level.partition.points
         key = case.name, case.known_solution().side, case.free_sides, *(each.tobytes() for each in arrays)
         if key not in own_solutions:
-            own_solutions[key] = solve_level(case, level)
+            own_solutions[key] = solve_reference(case, level)
         return own_solutions[key]
 
-    monkeypatch.setattr("unilateral.exchange.score.solve_level", solve_once)
+    monkeypatch.setattr("unilateral.exchange.score.solve_reference", solve_once)
 
 
 def home(name):
     """The first polygon that a case is for."""
-    polygons = cases.declared(name)[0]["polygons"]
-    return named("square" if polygons == "any" else polygons[0])
+    polygons = cases.read_case_declaration(name)[0]["polygons"]
+    return find_polygon("square" if polygons == "any" else polygons[0])
 
 
 @cache
 def certificate(case):
-    return certify(case)
+    return certify_case(case)
 
 
 def certified(name, polygon="square", side=0):
@@ -184,20 +184,23 @@ def certified(name, polygon="square", side=0):
 @cache
 def condensed(polygon, n):
     """A structured mesh with h = 1/n, factorised."""
-    return condense(structured(named(polygon), 1 / n))
+    return condense(make_structured_mesh(find_polygon(polygon), 1 / n))
 
 
 @cache
 def coupled(polygon, n, m):
-    return mixed_spaces(condensed(polygon, n), partitions.uniform(named(polygon), 1 / m))
+    return mixed_spaces(
+        condensed(polygon, n), partitions.make_uniform_partition(find_polygon(polygon), 1 / m)
+    )
 
 
 @cache
 def discrete(name, n, m, polygon="square", degree=None):
     """The case on its first side, h = 1/n, H = 1/m, and its exact solution."""
-    case, spaces = load(name, polygon), coupled(polygon, n, m)
+    case = load(name, polygon)
+    spaces = coupled(polygon, n, m)
     ritz = ritz_projection(case, spaces.condensed, degree)
-    return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
+    return discretise_case(spaces, CaseProjections(ritz, cell_means(case, spaces.partition)))
 
 
 def exact_errors(discrete, solution):
@@ -219,9 +222,11 @@ def interior_point(operator, offset):
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
-    nb, m = operator.half.shape
-    rows, data = sp.csc_matrix(-operator.half.T), operator.H_i * offset
-    quadratic, cone = sp.identity(nb, format="csc"), [clarabel.NonnegativeConeT(m)]
+    nb, m = operator.D_factor.shape
+    rows = sp.csc_matrix(-operator.D_factor.T)
+    data = operator.H_i * offset
+    quadratic = sp.identity(nb, format="csc")
+    cone = [clarabel.NonnegativeConeT(m)]
     solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
     return np.asarray(solver.solve().x)
 
@@ -240,13 +245,15 @@ def case_like(tmp_path):
     """A case in a file of one's own: as one of the catalogue, with other fields; a field None is left out."""
 
     def made(name, polygon=None, side=0, **changed):
-        return cases.load(case_file(tmp_path, name, **changed), polygon or named("square"), side)
+        return cases.load_solution(
+            case_file(tmp_path, name, **changed), polygon or find_polygon("square"), side
+        )
 
     return made
 
 
 def case_file(folder, name, **changed):
-    fields = cases.declared(name)[0] | changed
+    fields = cases.read_case_declaration(name)[0] | changed
     file = folder / "mine.yaml"
     file.write_text(yaml.safe_dump({key: value for key, value in fields.items() if value is not None}))
     return file
@@ -284,7 +291,8 @@ def measured_once(monkeypatch, evidence):
 
     That it looks at no other tables than those that it names is a test of its own.
     """
-    own, ledger = claims.Claim.measure, {id(claim) for claim in claims.ledger()}
+    own = claims.Claim.measure
+    ledger = {id(claim) for claim in claims.load_ledger()}
 
     def measure(claim, results):
         if id(claim) not in ledger:
@@ -317,7 +325,7 @@ def problem_file_of(tmp_path):
 @pytest.fixture
 def problem_of(problem_file_of):
     """The problem in such a file."""
-    return lambda **fields: problem_file.load(problem_file_of(**fields))
+    return lambda **fields: problem_file.load_problem(problem_file_of(**fields))
 
 
 @pytest.fixture

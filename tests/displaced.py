@@ -11,5 +11,5 @@ def in_doubt(mesh: Mesh, doubt: float) -> Mesh:
     polygon = Polygon(mesh.polygon.vertices, mesh.polygon.name)
     vars(polygon)["stretch"] = polygon.stretch + 2 * doubt / polygon.lengths
     displaced = replace(mesh, polygon=polygon)
-    vars(displaced)["shift"] = mesh.shift + doubt
+    vars(displaced)["node_shifts"] = mesh.node_shifts + doubt
     return displaced

@@ -9,14 +9,21 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array
-from unilateral.discrete.loads import form_of
-from unilateral.discrete.multilevel import MultilevelProblem, nested_spaces, on_levels
-from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
+from unilateral.discrete.multilevel import MultilevelProblem, discretise_on_nested_spaces, nested_spaces
+from unilateral.discrete.problem_data import problem_form
+from unilateral.fem.hierarchy import FinerSpace, Hierarchy, build_hierarchy
 from unilateral.fem.p1 import stiffness_and_mass
-from unilateral.geometry.mesh import Mesh, from_arrays, refine, refine_some, unstructured, with_boundary
+from unilateral.geometry.mesh import (
+    Mesh,
+    from_arrays,
+    make_unstructured_mesh,
+    refine_triangles,
+    refine_uniformly,
+    triangulate_from_boundary,
+)
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Polygon, named
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems.problem import Problem
 from unilateral.solvers.multigrid import MultigridResult
 
@@ -40,27 +47,27 @@ class Nested:
 
 def multilevel(problem: Problem, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh; None as for `nested_spaces`."""
-    spaces = nested_spaces(mesh, partition, form=form_of(problem, mesh))
-    return on_levels(problem, spaces) if spaces else None
+    spaces = nested_spaces(mesh, partition, form=problem_form(problem, mesh))
+    return discretise_on_nested_spaces(problem, spaces) if spaces else None
 
 
 def ritz(found: MultigridResult) -> Array:
     """Approximate eigenvalues of the preconditioned matrix, by Lanczos' method from the last run's steps."""
-    alpha, beta = np.array(found.steps).reshape(-1, 2).T
+    alpha, beta = np.array(found.cg_coefficients).reshape(-1, 2).T
     diagonal = 1 / alpha + np.append(0, beta / alpha)[:-1]
     beside = np.sqrt(beta[:-1]) / alpha[:-1]
     return np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, -1))
 
 
 def levels_of(meshes: list[Mesh]) -> Nested:
-    return Nested(meshes, hierarchy(meshes[-1]))
+    return Nested(meshes, build_hierarchy(meshes[-1]))
 
 
 def refined(coarse: Mesh, times: int) -> Nested:
     """From a mesh on that came from no other one, each level the uniform refinement of the one before."""
     meshes = [alone(coarse)]
     for _ in range(times):
-        meshes.append(refine(meshes[-1]))
+        meshes.append(refine_uniformly(meshes[-1]))
     return levels_of(meshes)
 
 
@@ -69,25 +76,26 @@ def graded(coarse: Mesh, node: int, times: int) -> Nested:
     meshes = [alone(coarse)]
     for _ in range(times):
         at = np.flatnonzero((meshes[-1].triangles == node).any(axis=1))
-        meshes.append(refine_some(meshes[-1], at))
+        meshes.append(refine_triangles(meshes[-1], at))
     return levels_of(meshes)
 
 
 def at_random(coarse: Mesh, times: int, seed: int, share: float = 0.3) -> Nested:
     """The same, a share of the triangles chosen at random, in an ever smaller part of the domain."""
-    rng, meshes = np.random.default_rng(seed), [alone(coarse)]
+    rng = np.random.default_rng(seed)
+    meshes = [alone(coarse)]
     place = coarse.points[rng.integers(coarse.n_nodes)]
     for k in range(times):
         mesh = meshes[-1]
         distance = np.hypot(*(mesh.points[mesh.triangles].mean(axis=1) - place).T)
         near = np.flatnonzero(distance <= max(mesh.polygon.diameter * 0.6**k, distance.min()))
-        meshes.append(refine_some(mesh, rng.choice(near, int(share * len(near)) + 1, replace=False)))
+        meshes.append(refine_triangles(mesh, rng.choice(near, int(share * len(near)) + 1, replace=False)))
     return levels_of(meshes)
 
 
 def alone(mesh: Mesh) -> Mesh:
     """The mesh as if it had not been refined."""
-    return replace(mesh, coarse=None, steps=(), known=None)
+    return replace(mesh, coarse=None, steps=(), stored_triangulation=None)
 
 
 def assembled(mesh: Mesh) -> sp.csr_array:
@@ -98,24 +106,24 @@ def assembled(mesh: Mesh) -> sp.csr_array:
 
 def prolongation(level: FinerSpace) -> sp.csr_array:
     """(n, before) of a level, from that before."""
-    new = sp.csr_array((level.n - level.before, level.before)).tolil()
+    new = sp.csr_array((level.n - level.n_coarse, level.n_coarse)).tolil()
     new[:, level.ends] = level.P.toarray()
-    return sp.vstack([sp.eye_array(level.before), new], format="csr")
+    return sp.vstack([sp.eye_array(level.n_coarse), new], format="csr")
 
 
 @cache
 def coarse(name: str) -> Mesh:
     """A mesh that came from no other one: made by gmsh, by hand, or of squares, as in "lshape 3"."""
     if name == "gmsh":
-        return unstructured(named("lshape"), 0.5)
+        return make_unstructured_mesh(find_polygon("lshape"), 0.5)
     if name == "slanted":  # six edges a side
-        return with_boundary(SLANTED, SLANTED.divided(np.full(5, 6))[:-1])
+        return triangulate_from_boundary(SLANTED, SLANTED.divided(np.full(5, 6))[:-1])
     if name == "flat":
         return from_arrays(FLAT, FLAT.vertices, [[0, 1, 2], [0, 2, 3]])
     if name == "one triangle":
         return from_arrays(RIGHT, RIGHT.vertices, [[0, 1, 2]])
     polygon, n = name.split()
-    return alone(structured(named(polygon), 1 / int(n)))
+    return alone(make_structured_mesh(find_polygon(polygon), 1 / int(n)))
 
 
 @cache
@@ -124,13 +132,14 @@ def made(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested
 
     In the way "mixed" some triangles are cut between uniform refinements.
     """
-    first, times = coarse(name), TIMES[way] if times is None else times
+    first = coarse(name)
+    times = TIMES[way] if times is None else times
     if way == "uniform":
         return refined(first, times)
     if way == "at random":
         return at_random(first, times, seed)
     if way == "at a node":
         return graded(first, 0, times)
-    before = refine(first)
-    middle = refine_some(before, np.arange(0, len(before.triangles), 5))
-    return levels_of([first, before, middle, refine(middle)])
+    before = refine_uniformly(first)
+    middle = refine_triangles(before, np.arange(0, len(before.triangles), 5))
+    return levels_of([first, before, middle, refine_uniformly(middle)])

@@ -50,7 +50,8 @@ def typed_on(name: str) -> list[str]:
 
 def drawn(folder: Path, name: str) -> Path:
     """The picture in the folder in which a reader has followed its page."""
-    picture, page = folder / name, (folder / name).with_suffix(".html")
+    picture = folder / name
+    page = (folder / name).with_suffix(".html")
     if not picture.exists():
         _start, svg, rest = page.read_text(encoding="utf-8").partition("<svg")
         picture.write_text(svg + rest.partition("</svg>")[0] + "</svg>\n", encoding="utf-8")

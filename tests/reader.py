@@ -23,8 +23,8 @@ from documents import Block
 
 import unilateral as ul
 from unilateral.cli import main
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.structured import make_structured_mesh
 
 FOLDERS = ("certificate", "examples", "results")
 """What pages name of the project."""
@@ -32,7 +32,7 @@ FOLDERS = ("certificate", "examples", "results")
 
 def own_mesh() -> None:
     """A reader's mesh of the unit square, in three coordinates as gmsh writes them."""
-    mesh = structured(named("square"), 1 / 8)
+    mesh = make_structured_mesh(find_polygon("square"), 1 / 8)
     points = np.column_stack([mesh.points, np.zeros(mesh.n_nodes)])
     meshio.Mesh(points, [("triangle", mesh.triangles)]).write("own.msh", file_format="gmsh")
 
@@ -60,7 +60,9 @@ def follow(page: Iterable[Block], folder: Path) -> list[Block]:
     """
     page = list(page)
     everything = "".join(block.text for block in page)
-    printed, done, names = "", [], {"__name__": "__main__"}
+    printed = ""
+    done = []
+    names = {"__name__": "__main__"}
     with chdir(folder):
         for name in FOLDERS:
             if not Path(name).exists():

@@ -55,7 +55,8 @@ def typed(line):
     """The exit code of a command, and what it prints on standard output and on standard error."""
     from unilateral.cli import main
 
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(line.split())
     return code, out.getvalue(), err.getvalue()

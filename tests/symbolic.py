@@ -13,13 +13,18 @@ import sympy
 from sympy.core.function import ArgumentIndexError
 
 from unilateral.formulas import formula, taylor_enclosures
-from unilateral.formulas.exact_numbers import apply, sign
-from unilateral.formulas.expression import Atom, Expression, number, total, variable
-from unilateral.formulas.formula import Compiled
+from unilateral.formulas.exact_numbers import apply_function, sign
+from unilateral.formulas.expression import Expression, Primitive, rational_expression, sum_terms, variable
+from unilateral.formulas.formula import CompiledFormulas
 from unilateral.formulas.formula_walk import Evaluation
-from unilateral.formulas.taylor import Model
+from unilateral.formulas.taylor import TaylorModel
 
-X, Y, T, D, R, THETA = (sympy.Symbol(name, real=True) for name in ("x", "y", "t", "d", "r", "theta"))
+X = sympy.Symbol("x", real=True)
+Y = sympy.Symbol("y", real=True)
+T = sympy.Symbol("t", real=True)
+D = sympy.Symbol("d", real=True)
+R = sympy.Symbol("r", real=True)
+THETA = sympy.Symbol("theta", real=True)
 """The coordinates of the formulas of cases."""
 
 
@@ -48,45 +53,47 @@ class _Symbolic(Evaluation[sympy.Expr]):
     def power(self, base: sympy.Expr, k: Fraction) -> sympy.Expr:
         return base ** self.number(k)
 
-    def function(self, of: Atom) -> sympy.Expr:
-        if of.args:
-            function = pos if of.name == "pos" else getattr(sympy, of.name)
-            return function(*(self.of(each) for each in of.args))
-        return sympy.pi if of.name == "pi" else sympy.Symbol(of.name, real=True)
+    def function(self, primitive: Primitive) -> sympy.Expr:
+        if primitive.args:
+            function = pos if primitive.name == "pos" else getattr(sympy, primitive.name)
+            return function(*(self.evaluate(each) for each in primitive.args))
+        return sympy.pi if primitive.name == "pi" else sympy.Symbol(primitive.name, real=True)
 
 
 @lru_cache(maxsize=1024)
 def symbolic(e: Expression) -> sympy.Expr:
     """A formula of the project as one of sympy."""
-    return _Symbolic((e,), {}).of(e)
+    return _Symbolic((e,), {}).evaluate(e)
 
 
 @lru_cache(maxsize=4096)
 def plain(e: sympy.Expr) -> Expression:
     """A formula of sympy as an `Expression`. Symbols become variables; floating-point numbers are exact."""
     if e.is_Rational or e.is_Float:
-        return number(Fraction(*map(int, sympy.Rational(e).as_numer_denom())))
+        return rational_expression(Fraction(*map(int, sympy.Rational(e).as_numer_denom())))
     if e.is_Symbol or e is sympy.pi:
         return variable(e.name if e.is_Symbol else "pi")
     if e is sympy.E:
-        return apply("exp", number(1))
+        return apply_function("exp", rational_expression(1))
     args = [plain(each) for each in e.args]
     if e.is_Add:
-        return total(term for each in args for term in each.terms)
+        return sum_terms(term for each in args for term in each.terms)
     if e.is_Mul:
         return reduce(mul, args)
     if e.is_Pow:
         base, k = args
         return base ** (k.rational or 0)
-    return apply(e.func.__name__, *args)
+    return apply_function(e.func.__name__, *args)
 
 
-def evaluate(e: sympy.Expr, variables: Mapping[sympy.Symbol, Model]) -> Model:
+def evaluate(e: sympy.Expr, variables: Mapping[sympy.Symbol, TaylorModel]) -> TaylorModel:
     """A formula on the boxes of its variables' models."""
-    return taylor_enclosures.evaluate(plain(e), {symbol.name: model for symbol, model in variables.items()})
+    return taylor_enclosures.enclose_formula(
+        plain(e), {symbol.name: model for symbol, model in variables.items()}
+    )
 
 
-def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> Compiled:
+def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol]) -> CompiledFormulas:
     """As `formula.compile_numpy`."""
     return formula.compile_numpy([plain(e) for e in formulas], [symbol.name for symbol in symbols])
 

@@ -20,11 +20,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-MOST_SHOWN = 5
+MAX_SHOWN_DIFFERENCES = 5
 """So many differences of one file are printed."""
 
 
 def main() -> int:
+    """Print the differences; 1 if there are any, else 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("before", type=Path, help="a folder with results/ and figures/")
     parser.add_argument("after", type=Path, help="another one")
@@ -46,10 +47,10 @@ def main() -> int:
             else [*compare(options.before / name, options.after / name, options.within)]
         )
         unequal += bool(differences)
-        for difference in differences[:MOST_SHOWN]:
+        for difference in differences[:MAX_SHOWN_DIFFERENCES]:
             print(f"{name}: {difference}")
-        if len(differences) > MOST_SHOWN:
-            print(f"{name}: and {len(differences) - MOST_SHOWN} more differences")
+        if len(differences) > MAX_SHOWN_DIFFERENCES:
+            print(f"{name}: and {len(differences) - MAX_SHOWN_DIFFERENCES} more differences")
     total = len(files[0] | files[1])
     print(f"{total} files compared: {f'{unequal} differ' if unequal else 'all are equal'}")
     return 1 if unequal else 0
@@ -66,7 +67,8 @@ def list_files(tree: Path) -> Iterator[str]:
 
 def compare(before: Path, after: Path, tolerance: float) -> Iterator[str]:
     """The differences of two files, each as a sentence without its subject."""
-    old, new = read(before), read(after)
+    old = read(before)
+    new = read(after)
     for name in [*old, *(name for name in new if name not in old)]:
         if name not in old or name not in new:
             yield f"{name} is {'gone' if name in old else 'new'}"

@@ -24,11 +24,11 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.geometry.mesh import Mesh, with_boundary
+from unilateral.geometry.mesh import Mesh, triangulate_from_boundary
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import Bracket, dual_norm
-from unilateral.norms.infsup import infsup
+from unilateral.norms.dual import Bracket, build_dual_norm
+from unilateral.norms.infsup import infsup_constants
 from unilateral.system.files import replacing
 
 FINDS = Path(__file__).parent / "config" / "worst_infsup.yaml"
@@ -81,36 +81,41 @@ class Family:
 
     @property
     def per_cell(self) -> Array:
+        """The least number of edges in each cell of a side (cells,)."""
         return np.resize(np.array(self.edges, dtype=float), self.cells)
 
     @property
     def n_edges(self) -> int:
-        """Of a side."""
+        """The number of edges on a side."""
         return int(np.ceil(self.per_cell.sum())) + (not self.nested)
 
     @property
     def size(self) -> int:
+        """The dimension of the vectors x."""
         return 4 * (self.n_edges + self.cells)
 
     def candidate(self, x: Array) -> Candidate:
-        """Of x (size,): the edges' lengths, then those of the cells or their excess over `edges`."""
-        edges, cells = (part.reshape(4, -1) for part in np.split(x, [4 * self.n_edges]))
+        """The candidate of x (size,): the edges' lengths, then the cells' or their excess over `edges`."""
+        edges = x[: 4 * self.n_edges].reshape(4, -1)
+        cells = x[4 * self.n_edges :].reshape(4, -1)
         lengths = self.edge_ratio**edges
         if self.nested:
             cell = np.repeat(np.arange(self.cells), self.per_cell.astype(int))
             in_cell = np.add.reduceat(lengths, np.flatnonzero(np.diff(cell, prepend=-1)), axis=1)
-            ends = _cumulative(self.cell_ratio**cells)
-            nodes = _cumulative(lengths / in_cell[:, cell] * np.diff(ends)[:, cell])
+            ends = _cumulative_shares(self.cell_ratio**cells)
+            nodes = _cumulative_shares(lengths / in_cell[:, cell] * np.diff(ends)[:, cell])
         else:
+            # The cells share the edges that are more than the least number, in random proportion
             spare = self.n_edges - self.per_cell.sum()
-            nodes = _cumulative(lengths)
+            nodes = _cumulative_shares(lengths)
             shares = (cells + 1e-3) / (cells + 1e-3).sum(axis=1, keepdims=True)
-            places = _cumulative(self.per_cell + spare * shares) * self.n_edges
+            places = _cumulative_shares(self.per_cell + spare * shares) * self.n_edges
             ends = np.stack(
                 [np.interp(t, np.arange(self.n_edges + 1), s) for t, s in zip(places, nodes, strict=True)]
             )
         start = np.arange(4)[:, None]
-        points, nodes = (np.round(start + s[:, :-1], self.digits).ravel() for s in (ends, nodes))
+        points = np.round(start + ends[:, :-1], self.digits).ravel()
+        nodes = np.round(start + nodes[:, :-1], self.digits).ravel()
         return Candidate(np.append(points, 4.0), nodes)
 
     def words(self) -> Iterator[Array]:
@@ -122,8 +127,8 @@ class Family:
                 yield np.concatenate([np.resize(letters, 4 * self.n_edges), np.resize(pair, 4 * self.cells)])
 
 
-def _cumulative(lengths: Array) -> Array:
-    """(4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
+def _cumulative_shares(lengths: Array) -> Array:
+    """Points (4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
     sums = np.cumsum(np.atleast_2d(lengths), axis=1)
     return np.pad(sums / sums[:, -1:], ((0, 0), (1, 0)))
 
@@ -131,12 +136,13 @@ def _cumulative(lengths: Array) -> Array:
 @lru_cache(maxsize=64)
 def _reference(points: tuple[float, ...]) -> tuple[Partition, Bracket]:
     partition = from_points(square(), points)
-    return partition, dual_norm(partition).gram().p0
+    return partition, build_dual_norm(partition).gram().p0
 
 
 def smallest_angle(mesh: Mesh) -> float:
-    """In degrees, over all triangles."""
+    """The smallest angle of all triangles, in degrees."""
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
+    # |a x b| = |a| |b| sin, and the smallest angle lies between the two longest sides
     squares = np.sort([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     return float(
         np.rad2deg(np.arcsin(np.clip(2 * mesh.areas / np.sqrt(squares[1] * squares[2]), 0, 1)).min())
@@ -146,15 +152,16 @@ def smallest_angle(mesh: Mesh) -> float:
 def measure(candidate: Candidate) -> tuple[float, float]:
     """beta (its upper bound) and the mesh's smallest angle."""
     partition, gram = _reference(tuple(candidate.points.tolist()))
-    mesh = with_boundary(square(), candidate.nodes)
+    mesh = triangulate_from_boundary(square(), candidate.nodes)
     operator = mixed_spaces(condense(mesh), partition).operator
-    return infsup(operator, gram).beta_upper, smallest_angle(mesh)
+    return infsup_constants(operator, gram).beta_upper, smallest_angle(mesh)
 
 
 def search(family: Family, rng: np.random.Generator, n_random: int, changes: int) -> tuple[float, Candidate]:
     """The smallest beta found among the meshes the family allows, and where."""
 
     def beta(x: Array) -> float:
+        """beta of the candidate; infinite without a mesh, or with too small an angle."""
         try:
             value, angle = measure(family.candidate(x))
         except InputError:
@@ -163,27 +170,31 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
 
     starts = [*family.words(), *rng.random((n_random, family.size))]
     values = [beta(x) for x in starts]
-    best, x = min(values), starts[int(np.argmin(values))]
+    best = min(values)
+    x = starts[int(np.argmin(values))]
     for _ in range(changes):
-        moved = _changed(x, rng)
-        value = beta(moved)
+        trial = _change_randomly(x, rng)
+        value = beta(trial)
         if value < best:
-            best, x = value, moved
+            best = value
+            x = trial
     return best, family.candidate(x)
 
 
-def _changed(x: Array, rng: np.random.Generator) -> Array:
+def _change_randomly(x: Array, rng: np.random.Generator) -> Array:
     """One to four neighbouring components made extreme, or all of some moved a little."""
-    moved, size = x.copy(), len(x)
+    changed = x.copy()
+    size = len(x)
     if rng.random() < 0.7:
         chosen = (rng.integers(size) + np.arange(rng.integers(1, 5))) % size
-        moved[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))
-        return moved
-    some = rng.random(size) < 0.2
-    return np.clip(moved + np.where(some, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
+        changed[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))
+        return changed
+    selected = rng.random(size) < 0.2
+    return np.clip(changed + np.where(selected, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
 
 
-def described(family: Family) -> str:
+def describe_family(family: Family) -> str:
+    """A sentence on the family, for the configuration."""
     edges = " or ".join(f"{n:g}" for n in family.edges)
     ratio = f"whose lengths differ by a factor of at most {family.edge_ratio:g}"
     if not family.nested:
@@ -192,18 +203,18 @@ def described(family: Family) -> str:
     return f"{cells}, each cut into {edges} edges {ratio} in a cell."
 
 
-def find(number: int, given: dict) -> dict:
+def find(number: int, fields: dict) -> dict:
     """The worst candidate of a family, as it is stored."""
-    family = Family(**given, cells=SEARCH["cells_per_side"], digits=SEARCH["digits"])
+    family = Family(**fields, cells=SEARCH["cells_per_side"], digits=SEARCH["digits"])
     rng = np.random.default_rng([SEARCH["seed"], number])
     beta, worst = search(family, rng, SEARCH["random"], SEARCH["changes"])
-    print(f"{number + 1}/{len(SEARCH['families'])} {described(family)} beta = {beta:.3f}", flush=True)
+    print(f"{number + 1}/{len(SEARCH['families'])} {describe_family(family)} beta = {beta:.3f}", flush=True)
     k = float(np.mean(family.edges))
     return {
         "name": f"k{k:g}_R{family.edge_ratio:g}"
         + (f"_cells{family.cell_ratio:g}" if family.cell_ratio > 1 else "")
         + ("" if family.nested else "_free"),
-        "what": described(family),
+        "what": describe_family(family),
         "polygon": "square",
         "edges_per_cell": k,
         "edge_ratio": family.edge_ratio,
@@ -233,4 +244,4 @@ def write(survey: str, finds: list[dict]) -> None:
 
 
 if __name__ == "__main__":
-    write("betaworst", [find(number, given) for number, given in enumerate(SEARCH["families"])])
+    write("betaworst", [find(number, fields) for number, fields in enumerate(SEARCH["families"])])

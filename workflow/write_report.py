@@ -10,17 +10,18 @@ PARTS = Path(__file__).parent / "report"
 
 
 def main(target):
+    """Write the report, with the script that opens large results."""
     with replacing(target) as report:
         options = ["--report", report, "--report-stylesheet", PARTS / "style.css"]
-        made = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "snakemake", *options], stderr=subprocess.PIPE, text=True
         )
-        if made.returncode:
-            print(made.stderr, end="", file=sys.stderr)
-            sys.exit(made.returncode)
-        head, body, rest = report.read_text(encoding="utf-8").rpartition("</body>")
+        if process.returncode:
+            print(process.stderr, end="", file=sys.stderr)
+            sys.exit(process.returncode)
+        head, body, tail = report.read_text(encoding="utf-8").rpartition("</body>")
         script = f"<script>\n{(PARTS / 'large.js').read_text(encoding='utf-8')}</script>\n"
-        report.write_text(head + script + body + rest, encoding="utf-8")
+        report.write_text(head + script + body + tail, encoding="utf-8")
     print(f"The report is in {target}; open it in a browser.")
 
 

@@ -18,8 +18,8 @@ SAME_PLACE = 2.0**-30
 
 def order() -> tuple[Mapping[str, Any], Mapping[str, Any], str]:
     """The arrays of the problem, the parameters of the run, and the file for what is found."""
-    data, found, parameters = sys.argv[1:]
-    return np.load(data), json.loads(parameters), found
+    data, solution_file, parameters = sys.argv[1:]
+    return np.load(data), json.loads(parameters), solution_file
 
 
 class Clock:
@@ -31,17 +31,17 @@ class Clock:
         self.skip()
 
     def skip(self) -> None:
-        """What was done since the last phase counts nowhere."""
+        """Leave out of all phases what was done since the last one."""
         self._last = (time.process_time(), time.perf_counter())
 
     def lap(self, phase: str) -> None:
-        """What was done since the last phase is this one."""
+        """Count what was done since the last phase as this one."""
         now = (time.process_time(), time.perf_counter())
         self.phases[phase] = (now[0] - self._last[0], now[1] - self._last[1])
         self.skip()
 
     def only(self, phases: Iterable[str]) -> dict[str, Seconds]:
-        """Those phases."""
+        """The seconds of these phases alone."""
         return {name: self.phases[name] for name in phases}
 
 
@@ -50,16 +50,17 @@ def report(
 ) -> None:
     """Writes each u (n,) with its nodes (n, 2), and prints what was measured; memory in MB of 2^20 bytes."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-    found: dict[str, Any] = {f"u_{k}": u for k, u in enumerate(us)}
-    np.savez(path, points=points, **found)
+    solutions: dict[str, Any] = {f"u_{k}": u for k, u in enumerate(us)}
+    np.savez(path, points=points, **solutions)
     print(json.dumps({"start": clock.start, "peak_mb": peak, "results": results}))
 
 
-def matched(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(n,) the numbers, among the `others` (n, 2), of the points (n, 2): both are the nodes of one mesh."""
-    order, found = (np.lexsort(np.round(each / SAME_PLACE).T) for each in (points, others))
-    numbers = np.empty_like(found)
-    numbers[order] = found
-    if np.abs(points - others[numbers]).max() > SAME_PLACE:
+def matched(points: np.ndarray, reference_points: np.ndarray) -> np.ndarray:
+    """Numbers (n,) of the points (n, 2) among `reference_points` (n, 2), the same nodes in another order."""
+    points_order = np.lexsort(np.round(points / SAME_PLACE).T)
+    reference_order = np.lexsort(np.round(reference_points / SAME_PLACE).T)
+    numbers = np.empty_like(reference_order)
+    numbers[points_order] = reference_order
+    if np.abs(points - reference_points[numbers]).max() > SAME_PLACE:
         raise ValueError("these are not the nodes of one mesh")
     return numbers

@@ -19,9 +19,9 @@ from benchmarks.peers.driver import Clock, matched, order, report
 
 
 def options(rtol: float, atol: float) -> None:
-    """Of SNES and of its linear solver."""
-    chosen = PETSc.Options()
-    told = {
+    """Set PETSc's options of SNES and of its linear solver."""
+    database = PETSc.Options()
+    values = {
         "snes_type": "vinewtonrsls",
         "snes_atol": atol,
         "snes_rtol": 0.0,
@@ -32,32 +32,38 @@ def options(rtol: float, atol: float) -> None:
         "pc_type": "hypre",
         "pc_hypre_type": "boomeramg",
     }
-    for name, value in told.items():
-        chosen[name] = value
+    for name, value in values.items():
+        database[name] = value
 
 
 def main() -> None:
     """A run."""
-    data, of, path = order()
-    points, triangles = data["points"], data["triangles"].astype(np.int64)
+    data, parameters, path = order()
+    points = data["points"]
+    triangles = data["triangles"].astype(np.int64)
     create = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.triangle, 1))
     clock = Clock()
-    if of["polygon"] == "square":  # its own generator is faster than a mesh from arrays
-        mesh = create_unit_square(MPI.COMM_SELF, of["n"], of["n"])
+    if parameters["polygon"] == "square":  # its own generator is faster than a mesh from arrays
+        mesh = create_unit_square(MPI.COMM_SELF, parameters["n"], parameters["n"])
     else:
         mesh = create_mesh(MPI.COMM_SELF, triangles, points, create)
     clock.lap("mesh")
     V = FunctionSpace(mesh, ("Lagrange", 1))
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    u = ufl.TrialFunction(V)
+    v = ufl.TestFunction(V)
     A = assemble_matrix(form((ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx))
     A.assemble()
     clock.lap("assembly")
     dofs = V.tabulate_dof_coordinates()[:, :2]
-    given = matched(dofs, points)
+    node_of_dof = matched(dofs, points)
     lower = np.full(len(points), PETSc.NINFINITY)
     lower[data["boundary"]] = data["obstacle"]
-    b, low, high, x = (A.createVecRight() for _ in range(4))
-    b.array[:], low.array[:] = data["load"][given], lower[given]
+    b = A.createVecRight()
+    low = A.createVecRight()
+    high = A.createVecRight()
+    x = A.createVecRight()
+    b.array[:] = data["load"][node_of_dof]
+    low.array[:] = lower[node_of_dof]
     high.set(PETSc.INFINITY)
     x.array[:] = np.maximum(low.array, 0)
     clock.skip()
@@ -65,13 +71,14 @@ def main() -> None:
     residual = A.createVecRight()
 
     def function(_: object, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """The residual f = A x - b."""
         A.mult(x, f)
         f.axpy(-1.0, b)
 
     snes.setFunction(function, residual)
     snes.setJacobian(lambda *_: None, A)
     snes.setVariableBounds(low, high)
-    options(of["rtol"], of["tolerance"] * b.norm())
+    options(parameters["rtol"], parameters["tolerance"] * b.norm())
     snes.setFromOptions()
     snes.solve(None, x)
     clock.lap("solve")

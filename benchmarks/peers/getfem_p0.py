@@ -17,8 +17,10 @@ MOST = 100
 
 def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spmat:
     """Minus the means (m, n) of the hats over cells of that many edges; nodes (nb,) along the boundary."""
-    B, half = gf.Spmat("empty", len(nodes) // edges, n), 0.5 * np.diff(s)
+    B = gf.Spmat("empty", len(nodes) // edges, n)
+    half = 0.5 * np.diff(s)
     for i, cell in enumerate(np.arange(len(nodes)).reshape(-1, edges)):
+        # The integrals of the hats over the cell: half of each edge goes to either end
         weights = np.zeros(edges + 1)
         weights[:-1] += half[cell]
         weights[1:] += half[cell]
@@ -30,18 +32,21 @@ def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spma
 
 def main() -> None:
     """A run."""
-    data, of, path = order()
-    points, triangles, edges = data["points"], data["triangles"], of["H_over_h"]
+    data, parameters, path = order()
+    points = data["points"]
+    triangles = data["triangles"]
+    edges = parameters["H_over_h"]
     clock = Clock()
     mesh = gf.Mesh("ptND", points.T, triangles.T)
-    V, rule = gf.MeshFem(mesh, 1), gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
+    V = gf.MeshFem(mesh, 1)
+    rule = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     V.set_classical_fem(1)
     clock.lap("mesh")
     dofs = V.basic_dof_nodes().T
-    given = matched(points, dofs)
+    dof_of_node = matched(points, dofs)
     load = np.empty(len(points))
-    load[given] = data["load"]
-    B = minus_means(given[data["boundary"]], data["s"], edges, len(points))
+    load[dof_of_node] = data["load"]
+    B = minus_means(dof_of_node[data["boundary"]], data["s"], edges, len(points))
     clock.skip()
     model = gf.Model("real")
     model.add_fem_variable("u", V)
@@ -49,11 +54,11 @@ def main() -> None:
     model.add_mass_brick(rule, "u")
     model.add_explicit_rhs("u", load)
     model.add_variable("pressure", B.size()[0])
-    model.add_initialized_data("r", [of["r"]])
+    model.add_initialized_data("r", [parameters["r"]])
     model.add_initialized_data("alpha", [1.0])
     model.add_initialized_data("gap", -data[f"means_{edges}"])
-    model.add_basic_contact_brick("u", "pressure", "r", B, "gap", "alpha", of["version"])
-    steps, converged = model.solve("max_res", of["tolerance"], "max_iter", MOST)
+    model.add_basic_contact_brick("u", "pressure", "r", B, "gap", "alpha", parameters["version"])
+    steps, converged = model.solve("max_res", parameters["tolerance"], "max_iter", MOST)
     clock.lap("solve")
     assert converged
     result = {"way": "getfem", "H_over_h": edges, "phases": clock.only(clock.phases), "sets": int(steps)}

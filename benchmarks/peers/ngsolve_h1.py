@@ -30,7 +30,10 @@ def triangulation(points: np.ndarray, triangles: np.ndarray, boundary: np.ndarra
 def main() -> None:
     """A run."""
     data, _, path = order()
-    points, triangles, boundary, g = (data[name] for name in ("points", "triangles", "boundary", "obstacle"))
+    points = data["points"]
+    triangles = data["triangles"]
+    boundary = data["boundary"]
+    g = data["obstacle"]
     load = data["load"]
     clock = Clock()
     mesh = triangulation(points, triangles, boundary)
@@ -39,8 +42,12 @@ def main() -> None:
     u, v = V.TnT()
     A = ng.BilinearForm((ng.grad(u) * ng.grad(v) + u * v) * ng.dx, symmetric=True).Assemble().mat
     clock.lap("assembly")
-    x, r = A.CreateColVector(), A.CreateColVector()
-    values, residual, contact, sets = x.FV().NumPy(), r.FV().NumPy(), np.ones(len(boundary), dtype=bool), 0
+    x = A.CreateColVector()
+    r = A.CreateColVector()
+    values = x.FV().NumPy()
+    residual = r.FV().NumPy()
+    contact = np.ones(len(boundary), dtype=bool)
+    sets = 0
     values[:] = 0
     while sets < MOST:
         sets += 1
@@ -48,11 +55,13 @@ def main() -> None:
         free.Set()
         for node in boundary[contact].tolist():
             free.Clear(node)
+        # u = g on the contact nodes, and A u = load on the others: a correction of the residual there
         values[boundary[contact]] = g[contact]
         r.data = A * x
         residual[:] = load - residual
         x.data += A.Inverse(free, inverse="sparsecholesky") * r
         r.data = A * x
+        # A contact node stays where its reaction A u - load is positive, a free one is added where u < g
         after = np.where(contact, (residual - load)[boundary] > 0, values[boundary] < g)
         if np.array_equal(after, contact):
             break

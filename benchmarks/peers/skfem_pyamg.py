@@ -20,32 +20,42 @@ MOST = 50
 
 @BilinearForm
 def energy(u, v, w):  # type: ignore[no-untyped-def]
-    """(u, v)_1."""
+    """The inner product (u, v)_1."""
     return dot(grad(u), grad(v)) + u * v
 
 
 def main() -> None:
     """A run."""
-    data, of, path = order()
-    points, triangles, b = data["points"], data["triangles"].astype(np.int64), data["load"]
-    boundary, g = data["boundary"], np.full(len(points), -np.inf)
+    data, parameters, path = order()
+    points = data["points"]
+    triangles = data["triangles"].astype(np.int64)
+    b = data["load"]
+    boundary = data["boundary"]
+    g = np.full(len(points), -np.inf)
     g[boundary] = data["obstacle"]
     clock = Clock()
     basis = Basis(MeshTri(points.T.copy(), triangles.T.copy()), ElementTriP1())
     clock.lap("mesh")
     A = energy.assemble(basis)
     clock.lap("assembly")
-    u, contact, sets, iterations = np.where(np.isfinite(g), g, 0.0), np.sort(boundary), 0, 0
-    small = of["tolerance"] * np.linalg.norm(b)
+    u = np.where(np.isfinite(g), g, 0.0)
+    contact = np.sort(boundary)
+    sets = 0
+    iterations = 0
+    small = parameters["tolerance"] * np.linalg.norm(b)
     while True:
-        u[contact], sets = g[contact], sets + 1
+        u[contact] = g[contact]
+        sets = sets + 1
         A_II, b_I, _, inner = condense(A, b, x=u, D=contact)
-        hierarchy, after = getattr(pyamg, f"{of['hierarchy']}_solver")(A_II), contact
+        hierarchy = getattr(pyamg, f"{parameters['hierarchy']}_solver")(A_II)
+        after = contact
         r = b_I - A_II @ u[inner]
         while np.array_equal(after, contact) and np.linalg.norm(r) > small:
             residuals: list[float] = []
-            u[inner] += hierarchy.solve(r, tol=of["rtol"], accel="cg", residuals=residuals)
-            r, iterations = b_I - A_II @ u[inner], iterations + len(residuals) - 1
+            u[inner] += hierarchy.solve(r, tol=parameters["rtol"], accel="cg", residuals=residuals)
+            r = b_I - A_II @ u[inner]
+            iterations = iterations + len(residuals) - 1
+            # Next: contact nodes with a positive reaction A u - b, and boundary nodes with u < g
             pressed = contact[A[contact] @ u > b[contact]]
             after = np.union1d(pressed, boundary[u[boundary] < g[boundary]])
         if np.array_equal(after, contact) or sets == MOST:

@@ -11,15 +11,15 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-ROOTS = (Path("src"), Path(), Path("workflow/scripts"))
+PACKAGE_FOLDERS = (Path("src"), Path(), Path("workflow/scripts"))
 """The folders with this project's packages, `unilateral`, `study` and `benchmarks`, and with `job`."""
-DATA = (".yaml", ".html", ".txt")
+DATA_ENDINGS = (".yaml", ".html", ".txt")
 """The endings of data files, which are used by the modules beside them that name them."""
 
 
-def digest(program: str) -> str:
+def digest_program(program: str) -> str:
     """The SHA-256 of all files that a program uses, each with its path, in the project's folder."""
-    lines = [f"{file.as_posix()} {_read(file)[0]}" for file in sorted(used_files(program))]
+    lines = [f"{file.as_posix()} {_digest_source(file)[0]}" for file in sorted(used_files(program))]
     return sha256("\n".join(lines).encode()).hexdigest()
 
 
@@ -31,12 +31,12 @@ def used_files(program: str) -> set[Path]:
         file = waiting.pop()
         if file not in files:
             files.add(file)
-            waiting += _read(file)[1]
+            waiting += _digest_source(file)[1]
     return files
 
 
 @cache
-def _read(file: Path) -> tuple[str, list[Path]]:
+def _digest_source(file: Path) -> tuple[str, list[Path]]:
     """The SHA-256 of one file, without what is for readers, and the files that it uses itself."""
     if file.suffix != ".py":
         return sha256(file.read_bytes()).hexdigest(), []
@@ -44,23 +44,25 @@ def _read(file: Path) -> tuple[str, list[Path]]:
     used: list[Path] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            used += [path for alias in node.names for path in _modules(alias.name)]
+            used += [path for alias in node.names for path in _find_module_files(alias.name)]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            used += [path for alias in node.names for path in _modules(f"{node.module}.{alias.name}")]
-        elif isinstance(node, ast.Constant) and str(node.value).endswith(DATA):
+            used += [
+                path for alias in node.names for path in _find_module_files(f"{node.module}.{alias.name}")
+            ]
+        elif isinstance(node, ast.Constant) and str(node.value).endswith(DATA_ENDINGS):
             used += filter(Path.is_file, [file.parent / str(node.value)])
         _drop_docstrings(node)
     return sha256(ast.dump(tree).encode()).hexdigest(), used
 
 
 @cache
-def _modules(name: str) -> list[Path]:
+def _find_module_files(name: str) -> list[Path]:
     """The files of a module of this project and of the packages that it is in; none of another project's.
 
     The last part of the name may be that of a class or a function in a module, too.
     """
-    parts = name.split(".")
-    paths = [root.joinpath(*parts[:k]) for root in ROOTS for k in range(1, len(parts) + 1)]
+    names = name.split(".")
+    paths = [root.joinpath(*names[:k]) for root in PACKAGE_FOLDERS for k in range(1, len(names) + 1)]
     files = [file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))]
     return [file for file in files if file.is_file()]
 
@@ -69,7 +71,7 @@ def _drop_docstrings(node: ast.AST) -> None:
     """Drop the statements that are a text alone, as they document a module, a function or a constant."""
     if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
         node.body = [
-            part
-            for part in node.body
-            if not (isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant))
+            statement
+            for statement in node.body
+            if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant))
         ]

@@ -13,21 +13,21 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from unilateral.errors import InputError, shown
-from unilateral.formulas.formula import real
-from unilateral.geometry.polygon import Polygon, named
-from unilateral.problems.case import load
+from unilateral.errors import InputError, quote_input
+from unilateral.formulas.formula import parse_real
+from unilateral.geometry.polygon import Polygon, find_polygon
+from unilateral.problems.case import load_solution
 from unilateral.system import declarations
-from unilateral.system.declarations import MAX_DEPTH, MAX_DIGITS
+from unilateral.system.declarations import MAX_DEPTH, MAX_INTEGER_DIGITS
 
 Fields = dict[str, Any]
 Place = tuple[str | int, ...]
-EXPERIMENTS = Path(__file__).parent / "experiments"
+EXPERIMENTS_FOLDER = Path(__file__).parent / "experiments"
 COMMAND_LINE = "the option --config"
 """The source of fields that no file has."""
-TAKEN = ("benchmarks", "logs", "paper", "report")
+RESERVED_FOLDERS = ("benchmarks", "logs", "paper", "report")
 """Folders of results that belong to no scene, survey or experiment."""
-LIMITS = {
+FIELD_LIMITS = {
     "grading": (operator.ge, 1, "at least 1"),
     "spread": (operator.ge, 1, "at least 1"),
     "shift": (operator.lt, 1, "below 1"),
@@ -35,7 +35,7 @@ LIMITS = {
     "deltas": (operator.le, 0.5, "at most 1/2"),
 }
 """Limits of numbers and of those in lists, by the names of fields. JSON Schema does not know fractions."""
-ORDERS = {
+FIELD_ORDERS = {
     "H": (operator.gt, "smaller"),
     "stops": (operator.gt, "smaller"),
     "kappas": (operator.gt, "smaller"),
@@ -46,7 +46,7 @@ ORDERS = {
 """How numbers of a list are ordered, by the names of fields."""
 
 
-def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
+def read_configuration(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     """All files' fields, and the file of each.
 
     Raises InputError for a file without fields, and for a field that an earlier file has, too.
@@ -54,7 +54,7 @@ def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     study: Fields = {}
     sources: dict[str, str] = {}
     for file in files:
-        fields = declarations.read(Path(file), file, floats=True)
+        fields = declarations.read_declaration(Path(file), file, floats=True)
         if not isinstance(fields, dict):
             raise InputError(f"{file} has no fields; it has to hold a mapping")
         for name in fields:
@@ -71,52 +71,61 @@ def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
     Raises InputError for what a schema does not allow, for names that stand for nothing, for numbers that do
     not fit together, and for a case that cannot be put on its polygon or that has no expected rates.
     """
-    _raise_first(_beyond_files(study), sources)
-    rules = _rules(schema)
+    _raise_first_fault(_find_option_faults(study), sources)
+    rules = _read_schema(schema)
     for source in dict.fromkeys([*sources.values(), COMMAND_LINE]):
-        part = {name: value for name, value in study.items() if sources.get(name, COMMAND_LINE) == source}
-        declarations.validate(part, rules, source)
+        fields = {name: value for name, value in study.items() if sources.get(name, COMMAND_LINE) == source}
+        declarations.validate(fields, rules, source)
     for name in rules["properties"]:
         if name not in study:
             raise InputError(f"{', '.join(dict.fromkeys(sources.values()))}: the field '{name}' is missing")
     # Cases first: other places may have only names that a scene has, and its misspelt ones would be offered.
-    for faults in (_beside_polygons, _unknown_names, _numbers, _folders, _surveys, _unjudged):
-        _raise_first(faults(study), sources)
+    for faults in (
+        _find_polygon_faults,
+        _find_name_faults,
+        _find_number_faults,
+        _find_folder_faults,
+        _find_survey_faults,
+        _find_missing_rates,
+    ):
+        _raise_first_fault(faults(study), sources)
 
 
 @cache
-def _rules(schema: str) -> Fields:
+def _read_schema(schema: str) -> Fields:
     """The schema in a file, with the fields of all experiments."""
-    rules: Fields = declarations.own(Path(schema))
-    for file in sorted(EXPERIMENTS.glob("*/schema.yaml")):
-        rules["properties"] |= declarations.own(file)
+    rules: Fields = declarations.read_stored_yaml(Path(schema))
+    for file in sorted(EXPERIMENTS_FOLDER.glob("*/schema.yaml")):
+        rules["properties"] |= declarations.read_stored_yaml(file)
     return rules
 
 
-def _raise_first(faults: Iterator[tuple[Place, str]], sources: Mapping[str, str]) -> None:
+def _raise_first_fault(faults: Iterator[tuple[Place, str]], sources: Mapping[str, str]) -> None:
     """Raise InputError for the first of these faults: the place of each, and what would be right."""
-    for (name, *inside), said in faults:
+    for (name, *inside), fault in faults:
         path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in inside)
-        raise InputError(f"{sources.get(str(name), COMMAND_LINE)}, field {shown(f'{name}{path}')}: {said}")
+        raise InputError(
+            f"{sources.get(str(name), COMMAND_LINE)}, field {quote_input(f'{name}{path}')}: {fault}"
+        )
 
 
-def _places(study: Fields) -> Iterator[tuple[Place, Any]]:
+def _walk_values(study: Fields) -> Iterator[tuple[Place, Any]]:
     """All values of nested fields and lists, each with its place."""
     waiting: list[tuple[Place, Any]] = [((), study)]
     while waiting:
         place, value = waiting.pop()
         yield place, value
         if isinstance(value, dict) and len(place) <= MAX_DEPTH:
-            waiting += [((*place, name), part) for name, part in value.items()]
+            waiting += [((*place, name), item) for name, item in value.items()]
         elif isinstance(value, list) and len(place) <= MAX_DEPTH:
-            waiting += [((*place, i), part) for i, part in enumerate(value)]
+            waiting += [((*place, i), item) for i, item in enumerate(value)]
 
 
-def _beyond_files(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_option_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: what no file may hold, but --config gives."""
-    for place, value in _places(study):
-        if isinstance(value, int) and abs(value) >= 10**MAX_DIGITS:
-            yield place, f"it has more than {MAX_DIGITS} digits"
+    for place, value in _walk_values(study):
+        if isinstance(value, int) and abs(value) >= 10**MAX_INTEGER_DIGITS:
+            yield place, f"it has more than {MAX_INTEGER_DIGITS} digits"
         elif isinstance(value, dict | list) and len(place) >= MAX_DEPTH:
             yield place, f"it is in more than {MAX_DEPTH} lists or fields"
         elif isinstance(value, dict):
@@ -125,14 +134,14 @@ def _beyond_files(study: Fields) -> Iterator[tuple[Place, str]]:
                     yield (*place, str(name)), "the name of a field has to be a text"
 
 
-def _beside_polygons(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_polygon_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: polygons that are none, and cases that are none or not for the polygon and side beside them."""
-    for place, fields in _places(study):
+    for place, fields in _walk_values(study):
         if not isinstance(fields, dict) or "polygon" not in fields:
             continue
         polygon = fields["polygon"]
         try:
-            named(polygon) if isinstance(polygon, str) else Polygon(polygon, str(place[1]))
+            find_polygon(polygon) if isinstance(polygon, str) else Polygon(polygon, str(place[1]))
         except InputError as error:
             yield (*place, "polygon"), str(error)
         for i, name in enumerate(fields.get("cases", [])):
@@ -144,22 +153,24 @@ def _beside_polygons(study: Fields) -> Iterator[tuple[Place, str]]:
 def _case_fault(name: str, polygon: str, side: int) -> str:
     """Why the case cannot be put on that side of that polygon; empty if it can."""
     try:
-        load(name, named(polygon), side)
+        load_solution(name, find_polygon(polygon), side)
     except InputError as error:
         return str(error)
     return ""
 
 
-def _unknown_names(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_name_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: names that are not among those that the study has in another place."""
-    for place, name, known in _names(study):
-        if name not in known:
-            yield place, f"{shown(repr(name))} is not one of {', '.join(known)}"
+    for place, name, valid_names in _list_references(study):
+        if name not in valid_names:
+            yield place, f"{quote_input(repr(name))} is not one of {', '.join(valid_names)}"
 
 
-def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
+def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     """Names, each with its place and those that it may be; of scenes before those of their cases."""
-    scenes, cost, figures = study["scenes"], study["cost"], study["figures"]
+    scenes = study["scenes"]
+    cost = study["cost"]
+    figures = study["figures"]
     for scene, cases in study["totals"]["scenes"].items():
         yield ("totals", "scenes"), scene, scenes
         for i, case in enumerate(cases):
@@ -171,11 +182,11 @@ def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     base = cost["base"]
     yield ("cost", "base", "scene"), base["scene"], cost["h"]
     yield ("cost", "base", "case"), base["case"], scenes[base["scene"]]["cases"]
-    for axis, others in cost["axes"].items():
-        for i, scene in enumerate(others.get("scene", [])):
+    for axis, fields in cost["axes"].items():
+        for i, scene in enumerate(fields.get("scene", [])):
             yield ("cost", "axes", axis, "scene", i), scene, cost["h"]
             yield ("cost", "base", "case"), base["case"], scenes[scene]["cases"]
-        for i, case in enumerate(others.get("case", [])):
+        for i, case in enumerate(fields.get("case", [])):
             yield ("cost", "axes", axis, "case", i), case, scenes[base["scene"]]["cases"]
     for i, scene in enumerate(figures["rates"]["scenes"]):
         yield ("figures", "rates", "scenes", i), scene, scenes
@@ -188,46 +199,46 @@ def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
         yield ("figures", "consistency", "cases", i), case, [*square, *irregular]
 
 
-def _numbers(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_number_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: numbers beyond their limits, not in their order, or that do not fit together."""
-    for place, value in _places(study):
+    for place, value in _walk_values(study):
         field = str(place[-1]) if place else ""
-        if isinstance(value, dict) or field not in LIMITS | ORDERS:
+        if isinstance(value, dict) or field not in FIELD_LIMITS | FIELD_ORDERS:
             continue
         numbers = value if isinstance(value, list) else [value]
-        sizes = [_size(number) for number in numbers]
-        if field in LIMITS:
-            keeps, limit, said = LIMITS[field]
+        sizes = [_field_number(number) for number in numbers]
+        if field in FIELD_LIMITS:
+            keeps, limit, requirement = FIELD_LIMITS[field]
             for number, size in zip(numbers, sizes, strict=True):
                 if not keeps(size, limit):
-                    yield place, f"it is {shown(number)}; it has to be {said}"
-        if field in ORDERS:
-            precedes, said = ORDERS[field]
+                    yield place, f"it is {quote_input(number)}; it has to be {requirement}"
+        if field in FIELD_ORDERS:
+            precedes, requirement = FIELD_ORDERS[field]
             if not all(precedes(a, b) for a, b in itertools.pairwise(sizes)):
-                yield place, f"each number has to be {said} than the one before it"
+                yield place, f"each number has to be {requirement} than the one before it"
     fewest = min(study["scenes"][name]["mesh"]["levels"] for name in study["totals"]["scenes"])
     if study["totals"]["levels"] > fewest:
         yield ("totals", "levels"), f"it has to be at most {fewest}, the levels of its scenes"
     ratios = study["rates"]["ratios"]
-    if _size(study["rates"]["judged_ratio"]) not in map(_size, ratios):
+    if _field_number(study["rates"]["judged_ratio"]) not in map(_field_number, ratios):
         yield ("rates", "judged_ratio"), f"it has to be one of ratios, {', '.join(map(str, ratios))}"
 
 
 @cache
-def _size(number: str | float) -> float:
+def _field_number(number: str | float) -> float:
     """The number, which may be written as a fraction."""
-    return real(number, "") if isinstance(number, str) else number
+    return parse_real(number, "") if isinstance(number, str) else number
 
 
-def _folders(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_folder_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: scenes and surveys whose folders of results would be those of others."""
-    for kind, others in (("scenes", study["surveys"]), ("surveys", study["scenes"])):
+    for kind, taken_names in (("scenes", study["surveys"]), ("surveys", study["scenes"])):
         for name in study[kind]:
-            if name in (*TAKEN, *study, *others):
+            if name in (*RESERVED_FOLDERS, *study, *taken_names):
                 yield (kind, name), "another folder of results has that name; choose another one"
 
 
-def _surveys(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_survey_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: numbers of cells that are not one for each side, and finds that are missing or in vain."""
     for name, survey in study["surveys"].items():
         finds = study["finds"].get(name, [])
@@ -237,13 +248,13 @@ def _surveys(study: Fields) -> Iterator[tuple[Place, str]]:
             yield ("finds", name), f"only surveys of kind worst have pairs here; this one is {survey['kind']}"
         for i, cells in enumerate(survey.get("partitions", [])):
             polygon = survey["polygon"]
-            sides = named(polygon).n_sides if isinstance(polygon, str) else len(polygon)
+            sides = find_polygon(polygon).n_sides if isinstance(polygon, str) else len(polygon)
             if len(cells.get("counts", range(sides))) != sides:
                 place = ("surveys", name, "partitions", i, "counts")
                 yield place, f"it has to have {sides} numbers, one for each side"
 
 
-def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
+def _find_missing_rates(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: cases that no expected rates are given for, though a scene has them."""
     for name, scene in study["scenes"].items():
         for case in scene["cases"]:

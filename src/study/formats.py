@@ -19,60 +19,62 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 
-from unilateral.formulas.decimals import down, up
+from unilateral.formulas.decimals import format_down, format_up
 
 Value = float | int | str
 SPACES = {"h1": "$H^1$", "hm12": "$H^{-1/2}$", "l2": "$L^2$"}
-TITLES = {norm: ("$u$" if norm == "h1" else r"$\lambda$") + f" in {space}" for norm, space in SPACES.items()}
+ERROR_TITLES = {
+    norm: ("$u$" if norm == "h1" else r"$\lambda$") + f" in {space}" for norm, space in SPACES.items()
+}
 """The titles of errors, by the norm in which they are measured."""
-ROUNDED = re.compile(r"(down|up)(\.\d[efg])(%?)")
+DIRECTED_FORMAT = re.compile(r"(down|up)(\.\d[efg])(%?)")
 """Formats that round a bound down or up, towards the side on which it stays a bound."""
 
 
-def shown(value: Value, spec: str = "") -> str:
+def format_value(value: Value, spec: str = "") -> str:
     """The value in that format. Raises ValueError for an unknown format, or one that does not fit."""
     if isinstance(value, str):
         return format(value, spec)
     if not math.isfinite(value):
         raise ValueError("it is not finite")
-    if spec in OWN:
-        return OWN[spec](value)
-    if directed := ROUNDED.fullmatch(spec):
-        towards, away = (down, -math.inf) if directed[1] == "down" else (up, math.inf)
+    if spec in OWN_FORMATS:
+        return OWN_FORMATS[spec](value)
+    if directed := DIRECTED_FORMAT.fullmatch(spec):
+        towards, away = (format_down, -math.inf) if directed[1] == "down" else (format_up, math.inf)
         percent = math.nextafter(100 * value, away)
         return f"{towards(percent, directed[2])} %" if directed[3] else towards(value, directed[2])
     return f"{100 * value:{spec[:-1]}} %" if spec.endswith("%") else format(value, spec)
 
 
-def span(values: Iterable[float], spec: str) -> str:
+def format_span(values: Iterable[float], spec: str) -> str:
     """The least and the largest value in that format; one text if both look the same."""
-    found = list(values)
-    return " to ".join(dict.fromkeys(shown(each, spec) for each in (min(found), max(found))))
+    numbers = list(values)
+    return " to ".join(dict.fromkeys(format_value(end, spec) for end in (min(numbers), max(numbers))))
 
 
-def cells(of: Mapping[str, Value], columns: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+def format_row(values: Mapping[str, Value], columns: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     """A row of a table; `columns` has the name of a value and its format, by the column's title."""
-    return {title: shown(of[name], spec) for title, (name, spec) in columns.items()}
+    return {title: format_value(values[name], spec) for title, (name, spec) in columns.items()}
 
 
-def _level(stop: float) -> str:
+def _format_power(stop: float) -> str:
     if stop <= 0:
         raise ValueError("it is no power of ten")
     return f"10^({round(math.log10(stop))})".replace("-", "−") if stop != 1 else "1"
 
 
-def _size(h: float) -> str:
+def _format_unit_fraction(h: float) -> str:
     if not 0 < h <= 1:
         raise ValueError("it is no size from 0 to 1")
     return f"1/{1 / h:.0f}"
 
 
-def _power(value: float) -> str:
+def _format_scientific(value: float) -> str:
     digits, exponent = f"{value:.1e}".split("e")
     return f"{digits}·10^{int(exponent)}"
 
 
-def _short(text: str) -> str:
+def _replace_exponent(text: str) -> str:
     """The text of a number, with a power of ten in the place of an exponent."""
     mantissa, _, exponent = text.partition("e")
     if not exponent:
@@ -81,12 +83,12 @@ def _short(text: str) -> str:
     return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
-OWN: dict[str, Callable[[float], str]] = {
-    "1/n": _size,
-    "10^": _level,
-    "x10^": _power,
+OWN_FORMATS: dict[str, Callable[[float], str]] = {
+    "1/n": _format_unit_fraction,
+    "10^": _format_power,
+    "x10^": _format_scientific,
     "times": lambda x: f"× {x:.0f}",
     "space": lambda x: f"{x:,.0f}".replace(",", " "),
-    "short": lambda x: _short(f"{x:.3g}"),
-    "up.short": lambda x: _short(up(x, ".3g")),
+    "short": lambda x: _replace_exponent(f"{x:.3g}"),
+    "up.short": lambda x: _replace_exponent(format_up(x, ".3g")),
 }

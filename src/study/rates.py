@@ -19,18 +19,18 @@ import pandas as pd
 import xarray as xr
 
 from study import tables
-from study.tables import NORMS, along_ratio, error_in
+from study.tables import ERROR_NORMS, error_in_norm, select_ratio
 from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
-from unilateral.formulas.formula import real
-from unilateral.problems.case import declared
+from unilateral.formulas.formula import parse_real
+from unilateral.problems.case import read_case_declaration
 
-Verdict = Literal["holds", "fails", "exact", "not judged"]
+RateVerdict = Literal["holds", "fails", "exact", "not judged"]
 Reasons = tuple[str, ...]
-INDEX = ["case", "norm", "h_over_H"]
-OF_PAIRS = ("h_coarse", "h_fine", "rate", "asymptotic")
-FEWEST_PAIRS = 3
-ZERO = 1e-12
+RATE_INDEX = ["case", "norm", "h_over_H"]
+PAIR_FIELDS = ("h_coarse", "h_fine", "rate", "asymptotic")
+MIN_PAIRS = 3
+ZERO_ERROR_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -55,31 +55,35 @@ class Expectation:
     judged_ratio: float
 
     @classmethod
-    def of(cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]) -> Expectation:
+    def read(
+        cls, study: Mapping[str, Any], case: str, norm: str, asymptotic: Mapping[str, Any]
+    ) -> Expectation:
         """The expectation by the study's table of rates and the case's own declaration of its levels.
 
         Raises InputError for a case that the table lacks.
         """
         if case not in study["cases"]:
             raise InputError(f"the table of expected rates has no case '{case}'; add it there")
-        general, own = study["norms"][norm], study["cases"][case][norm]
-        rate, bound = own["rate"], general[own.get("judged_by", "bound")]
+        general = study["norms"][norm]
+        case_rates = study["cases"][case][norm]
+        rate = case_rates["rate"]
+        bound = general[case_rates.get("judged_by", "bound")]
         where = f"the expected rate of '{case}' in {norm}"
         return cls(
-            proved=real(general["proved"], where),
-            rate=rate if rate in ("exact", "none") else real(rate, where),
-            tolerance=real(general["tolerance"], where),
-            start=real(asymptotic[norm]["from"], where),
+            proved=parse_real(general["proved"], where),
+            rate=rate if rate in ("exact", "none") else parse_real(rate, where),
+            tolerance=parse_real(general["tolerance"], where),
+            start=parse_real(asymptotic[norm]["from"], where),
             factor=int(asymptotic[norm].get("factor", 2)),
             reference=bound["reference"],
-            power=real(bound.get("power_of_H", 0), where),
-            bound=real(bound["factor"], where),
-            algebraic_share=real(study["algebraic_share"], where),
-            judged_ratio=real(study["judged_ratio"], where),
+            power=parse_real(bound.get("power_of_H", 0), where),
+            bound=parse_real(bound["factor"], where),
+            algebraic_share=parse_real(study["algebraic_share"], where),
+            judged_ratio=parse_real(study["judged_ratio"], where),
         )
 
     @property
-    def least(self) -> float:
+    def required_rate(self) -> float:
         """The rate that has to be reached, NaN where none is expected."""
         return math.nan if isinstance(self.rate, str) else self.rate - self.tolerance
 
@@ -88,7 +92,8 @@ class Expectation:
 class JudgedRates:
     """Levels h, H and their errors (k,); the pairs' h's and rates (p,); the verdict with its reasons.
 
-    `unfit` says why the runs cannot be judged, `against` what speaks against the expected rate.
+    `reasons_unfit` says why the runs cannot be judged, `reasons_against` what speaks against the expected
+    rate.
     """
 
     h: Array
@@ -101,52 +106,71 @@ class JudgedRates:
     fitted: float
     bound: float
     expected: Expectation
-    unfit: Reasons
-    against: Reasons
+    reasons_unfit: Reasons
+    reasons_against: Reasons
 
     @property
-    def why(self) -> Reasons:
+    def reasons(self) -> Reasons:
         """The reasons for which a rate does not hold."""
-        return self.unfit + self.against
+        return self.reasons_unfit + self.reasons_against
 
     @property
-    def verdict(self) -> Verdict:
-        if self.unfit or self.expected.rate == "none":
+    def verdict(self) -> RateVerdict:
+        """Verdict on the expected rate: holds, fails, exact or not judged."""
+        if self.reasons_unfit or self.expected.rate == "none":
             return "not judged"
-        if self.against:
+        if self.reasons_against:
             return "fails"
         return "exact" if self.expected.rate == "exact" else "holds"
 
 
-def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> JudgedRates:
+def judge_errors(
+    table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation
+) -> JudgedRates:
     """The judgement of a case's errors in a norm along a fixed h/H, from the table of a scene."""
-    runs = along_ratio(table.sel(case=case), h_over_H)
-    h, H, error = runs["h"].values, runs["H"].values, error_in(runs, norm).values
+    runs = select_ratio(table.sel(case=case), h_over_H)
+    h = runs["h"].values
+    H = runs["H"].values
+    error = error_in_norm(runs, norm).values
     coarse, fine = np.nonzero(np.isclose(h[:, None], expected.factor * h[None], rtol=1e-9))
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
+    # A level is asymptotic if h and H times the judged ratio are at most the case's start, up to rounding
     levels = np.maximum(h, H * expected.judged_ratio) <= expected.start * (1 + 1e-9)
     unfit: Reasons = ()
     against: Reasons = ()
     if expected.rate == "exact":
-        rate, against = np.full_like(rate, np.nan), _why_not_zero(runs, norm)
+        rate = np.full_like(rate, np.nan)
+        against = _why_not_zero(runs, norm)
     elif expected.rate == "none":
         levels = np.zeros_like(levels)
     else:
         unfit = _why_unfit(runs, norm, levels, expected)
         against = _why_slow(rate, levels[coarse], h[coarse], expected) + _why_large(runs, norm, expected)
-    fitted = math.nan if expected.rate == "exact" else _fit(h[levels], error[levels])
-    pairs = (h[coarse], h[fine], rate, levels[coarse])
-    return JudgedRates(h, H, error, *pairs, fitted, _bound(runs, expected), expected, unfit, against)
+    fitted = math.nan if expected.rate == "exact" else _fit_rate(h[levels], error[levels])
+    return JudgedRates(
+        h=h,
+        H=H,
+        error=error,
+        h_coarse=h[coarse],
+        h_fine=h[fine],
+        rate=rate,
+        asymptotic=levels[coarse],
+        fitted=fitted,
+        bound=_finest_error_bound(runs, expected),
+        expected=expected,
+        reasons_unfit=unfit,
+        reasons_against=against,
+    )
 
 
-def _fit(h: Array, error: Array) -> float:
+def _fit_rate(h: Array, error: Array) -> float:
     if len(h) < 2 or not np.all(error > 0):
         return math.nan
     return float(np.polyfit(np.log(h), np.log(error), 1)[0])
 
 
-def _bound(runs: xr.Dataset, expected: Expectation) -> float:
+def _finest_error_bound(runs: xr.Dataset, expected: Expectation) -> float:
     """The stated bound on the finest error; NaN where the exact error is 0, or without runs."""
     if expected.rate == "exact" or runs.sizes["run"] == 0:
         return math.nan
@@ -155,68 +179,77 @@ def _bound(runs: xr.Dataset, expected: Expectation) -> float:
 
 
 def _why_not_zero(runs: xr.Dataset, norm: str) -> Reasons:
-    error = error_in(runs, norm, "upper").values
-    if len(error) and np.all(np.abs(error) <= ZERO * runs["u_norm"].values):
+    error = error_in_norm(runs, norm, "upper").values
+    if len(error) and np.all(np.abs(error) <= ZERO_ERROR_SHARE * runs["u_norm"].values):
         return ()
-    return (f"the error should be 0 to {ZERO:g} of ||u||_1",)
+    return (f"the error should be 0 to {ZERO_ERROR_SHARE:g} of ||u||_1",)
 
 
 def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation) -> Reasons:
     """Why the asymptotic levels cannot be judged: a run did not converge, or is not accurate enough."""
-    least, why = error_in(runs, norm, "lower").values, []
+    lower_bounds = error_in_norm(runs, norm, "lower").values
+    reasons = []
+    # ||mu||_{-1/2,h} is at least beta ||mu||_{-1/2}, by (3.4), and at least lambda_min(S)^{1/2} ||mu||_0
     factor = {
-        "h1": np.ones_like(least),
+        "h1": np.ones_like(lower_bounds),
         "hm12": runs["beta_lower"].values,
         "l2": np.sqrt(np.maximum(runs["lambda_min"].values, 0.0)),
     }[norm]
     with np.errstate(divide="ignore", invalid="ignore"):
         algebraic = runs["algebraic_bound"].values / factor
     if not np.all(runs["converged"].values[levels] == 1):
-        why.append("a run did not converge")
-    if not np.all(algebraic[levels] <= expected.algebraic_share * least[levels] * (1 + 1e-9)):
-        why.append(f"a guaranteed algebraic error is above {expected.algebraic_share:g} of the error")
-    return tuple(why)
+        reasons.append("a run did not converge")
+    if not np.all(algebraic[levels] <= expected.algebraic_share * lower_bounds[levels] * (1 + 1e-9)):
+        reasons.append(f"a guaranteed algebraic error is above {expected.algebraic_share:g} of the error")
+    return tuple(reasons)
 
 
 def _why_slow(rate: Array, asymptotic: Mask, h_coarse: Array, expected: Expectation) -> Reasons:
-    why = []
-    if np.count_nonzero(asymptotic) < FEWEST_PAIRS:
-        why.append(f"there are fewer than {FEWEST_PAIRS} pairs of asymptotic levels")
-    slow = np.flatnonzero(asymptotic & ~(rate >= expected.least))
-    why += [f"the rate {rate[i]:.3f} from h = {h_coarse[i]:.4g} is below {expected.least:.3f}" for i in slow]
-    return tuple(why)
+    reasons = []
+    if np.count_nonzero(asymptotic) < MIN_PAIRS:
+        reasons.append(f"there are fewer than {MIN_PAIRS} pairs of asymptotic levels")
+    slow = np.flatnonzero(asymptotic & ~(rate >= expected.required_rate))
+    reasons += [
+        f"the rate {rate[i]:.3f} from h = {h_coarse[i]:.4g} is below {expected.required_rate:.3f}"
+        for i in slow
+    ]
+    return tuple(reasons)
 
 
 def _why_large(runs: xr.Dataset, norm: str, expected: Expectation) -> Reasons:
     if runs.sizes["run"] == 0:
         return ()
-    finest, bound = error_in(runs, norm, "upper").values[-1], _bound(runs, expected)
+    finest = error_in_norm(runs, norm, "upper").values[-1]
+    bound = _finest_error_bound(runs, expected)
     return () if finest <= bound else (f"the finest error {finest:.4g} is above its bound {bound:.4g}",)
 
 
 def judge_rates(errors: str, name: str, study: Mapping[str, Any], judged: bool, rates: str) -> None:
     """Write and print the rates of a scene, judged as `study`, the table of expected rates, says."""
-    table, judgements = tables.load(errors), {}
+    table = tables.load_table(errors)
+    judgements = {}
     for case in map(str, table["case"].values):
-        asymptotic = declared(case)[0]["asymptotic"]
-        for norm in NORMS:
-            expected = Expectation.of(study, case, norm, asymptotic)
-            for ratio in (real(ratio, "ratios") for ratio in study["ratios"]):
-                judgements[case, norm, ratio] = judge(table, case, norm, ratio, expected)
-    judged_ratio = real(study["judged_ratio"], "judged_ratio")
-    collected = collect(judgements, judged_ratio if judged else None)
-    tables.save(collected, rates, name, {"rates": study, f"scenes.{name}.judged": judged})
-    print(summary(collected, judged_ratio))
+        asymptotic = read_case_declaration(case)[0]["asymptotic"]
+        for norm in ERROR_NORMS:
+            expected = Expectation.read(study, case, norm, asymptotic)
+            for ratio in (parse_real(ratio, "ratios") for ratio in study["ratios"]):
+                judgements[case, norm, ratio] = judge_errors(table, case, norm, ratio, expected)
+    judged_ratio = parse_real(study["judged_ratio"], "judged_ratio")
+    collected = tabulate_judgements(judgements, judged_ratio if judged else None)
+    tables.save_table(collected, rates, name, {"rates": study, f"scenes.{name}.judged": judged})
+    print(summarise_rates(collected, judged_ratio))
 
 
-def collect(
+def tabulate_judgements(
     judgements: Mapping[tuple[str, str, float], JudgedRates], judged_ratio: float | None
 ) -> xr.Dataset:
     """The table of rates from judgements by (case, norm, h/H), with verdicts at `judged_ratio`, if any."""
-    pairs, rows = {}, {}
+    pairs = {}
+    rows = {}
     for key, judgement in judgements.items():
-        pairs[key] = pd.DataFrame({name: getattr(judgement, name) for name in OF_PAIRS}, dtype=float)
-        expected, judged = judgement.expected, key[2] == judged_ratio
+        pairs[key] = pd.DataFrame({name: getattr(judgement, name) for name in PAIR_FIELDS}, dtype=float)
+        expected = judgement.expected
+        judged = key[2] == judged_ratio
         rows[key] = {
             "fitted": judgement.fitted,
             "proved": expected.proved,
@@ -224,28 +257,28 @@ def collect(
             "finest_error": judgement.error[-1] if len(judgement.error) else math.nan,
             "bound": judgement.bound,
             "verdict": judgement.verdict if judged else "not judged",
-            "why": "; ".join(judgement.why) if judged else "",
+            "why": "; ".join(judgement.reasons) if judged else "",
         }
-    of_pairs = pd.concat(pairs, names=[*INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
-    of_rates = pd.DataFrame.from_dict(rows, orient="index").rename_axis(INDEX).sort_index().to_xarray()
-    table = xr.merge([of_pairs, of_rates], join="outer")
-    variables = {name: each.variable for name, each in table.data_vars.items()}  # before the coordinates
-    return xr.Dataset(variables, {name: table[name].variable for name in INDEX})
+    pair_table = pd.concat(pairs, names=[*RATE_INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
+    rate_table = pd.DataFrame.from_dict(rows, orient="index").rename_axis(RATE_INDEX).sort_index().to_xarray()
+    table = xr.merge([pair_table, rate_table], join="outer")
+    variables = {name: array.variable for name, array in table.data_vars.items()}  # before the coordinates
+    return xr.Dataset(variables, {name: table[name].variable for name in RATE_INDEX})
 
 
-def summary(rates: xr.Dataset, ratio: float) -> str:
+def summarise_rates(rates: xr.Dataset, ratio: float) -> str:
     """Observed against expected rates at one h/H, a line per case and norm."""
     lines = [f"{'case':15} {'norm':5} {'proved':>7} {'expected':>9} {'smallest':>9} {'fitted':>7}  verdict"]
     for case in rates["case"].values:
         for norm in rates["norm"].values:
-            of = rates.sel(case=case, norm=norm, h_over_H=ratio)
-            numbers = f"{of.proved.item():7.3g} {of.expected.item():9.3g} {smallest_rate(of):9.3f}"
-            verdict = f"{of.fitted.item():7.3f}  {of.verdict.item()} {of.why.item()}"
+            row = rates.sel(case=case, norm=norm, h_over_H=ratio)
+            numbers = f"{row.proved.item():7.3g} {row.expected.item():9.3g} {smallest_rate(row):9.3f}"
+            verdict = f"{row.fitted.item():7.3f}  {row.verdict.item()} {row.why.item()}"
             lines.append(f"{case:15} {norm:5} {numbers} {verdict}".rstrip())
     return "\n".join(lines)
 
 
-def smallest_rate(of: xr.Dataset) -> float:
+def smallest_rate(rates_row: xr.Dataset) -> float:
     """The smallest rate of the asymptotic pairs in one row of the table of rates; NaN if there is none."""
-    rates = of["rate"].values[of["asymptotic"].values == 1]
+    rates = rates_row["rate"].values[rates_row["asymptotic"].values == 1]
     return float(np.min(rates)) if len(rates) else math.nan

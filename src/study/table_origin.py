@@ -14,68 +14,72 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
-from unilateral.errors import shown
+from unilateral.errors import quote_input
 
-OF_THE_MACHINE = "timings.nc"
+TIMINGS_ENDING = "timings.nc"
 """Files that hold seconds and memory have names that end like this; no two runs make the same ones."""
 
-_rule: ContextVar[str] = ContextVar("rule", default="")
+_current_rule: ContextVar[str] = ContextVar("rule", default="")
 
 
 @contextmanager
-def made_by(rule: str) -> Iterator[None]:
+def stamp_rule(rule: str) -> Iterator[None]:
     """Within this context, tables are stamped as made by that rule."""
-    token = _rule.set(rule)
+    token = _current_rule.set(rule)
     try:
         yield
     finally:
-        _rule.reset(token)
+        _current_rule.reset(token)
 
 
-def place(path: str | os.PathLike[str]) -> str:
+def table_place(path: str | os.PathLike[str]) -> str:
     """The place of a table in a file."""
-    whole = Path(path).absolute()
-    return f"{whole.parent.name}/{whole.stem}"
+    absolute_path = Path(path).absolute()
+    return f"{absolute_path.parent.name}/{absolute_path.stem}"
 
 
-def stamp(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None) -> dict[str, str]:
+def origin_attributes(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None) -> dict[str, str]:
     """The attributes of a table that is written there, with those parameters."""
-    told = json.dumps(parameters or {}, sort_keys=True)
-    return {"table": place(path), "rule": _rule.get(), "parameters": told}
+    parameter_text = json.dumps(parameters or {}, sort_keys=True)
+    return {"table": table_place(path), "rule": _current_rule.get(), "parameters": parameter_text}
 
 
-def fault(path: str | os.PathLike[str], attrs: Mapping[str, Any], study: Mapping[str, Any] | None) -> str:
+def origin_fault(
+    path: str | os.PathLike[str], attrs: Mapping[str, Any], study: Mapping[str, Any] | None
+) -> str:
     """Why the table with these attributes is not the one of that path and, if given, that configuration."""
     if "table" not in attrs:
-        return f"is of a version that did not tell its place, and '{place(path)}' is expected"
-    if attrs["table"] != place(path):
-        return f"is the table '{attrs['table']}', and '{place(path)}' is expected"
+        return f"is of a version that did not tell its place, and '{table_place(path)}' is expected"
+    if attrs["table"] != table_place(path):
+        return f"is the table '{attrs['table']}', and '{table_place(path)}' is expected"
     if study is not None:
         for name, made_with in json.loads(attrs["parameters"]).items():
             configured: Any = study
-            for part in name.split("."):
-                configured = _parts(configured).get(part)
-            for where, old, new in _differences(name, made_with, configured):
-                return f"was made with {where}: {_told(old)}, and the configuration has {_told(new)}"
+            for field in name.split("."):
+                configured = _nested_fields(configured).get(field)
+            for where, old, new in _find_differing_fields(name, made_with, configured):
+                stored = _format_field(old)
+                return f"was made with {where}: {stored}, and the configuration has {_format_field(new)}"
     return ""
 
 
-def _parts(held: Any) -> dict[str, Any]:
-    """What a field holds, by the names or the numbers of its parts."""
-    if isinstance(held, list):
-        return {str(i): part for i, part in enumerate(held)}
-    return held if isinstance(held, dict) else {}
+def _nested_fields(value: Any) -> dict[str, Any]:
+    """Nested fields or items of a value, by their names or numbers; empty for a single value."""
+    if isinstance(value, list):
+        return {str(i): item for i, item in enumerate(value)}
+    return value if isinstance(value, dict) else {}
 
 
-def _differences(path: str, old: Any, new: Any) -> Iterator[tuple[str, Any, Any]]:
+def _find_differing_fields(path: str, old: Any, new: Any) -> Iterator[tuple[str, Any, Any]]:
     """The innermost fields that differ, with both values; None stands for a field that is not there."""
-    one, other = _parts(old), _parts(new)
-    if one and other:
-        for name in dict.fromkeys([*one, *other]):
-            yield from _differences(f"{path}.{name}", one.get(name), other.get(name))
+    old_fields = _nested_fields(old)
+    new_fields = _nested_fields(new)
+    if old_fields and new_fields:
+        for name in dict.fromkeys([*old_fields, *new_fields]):
+            yield from _find_differing_fields(f"{path}.{name}", old_fields.get(name), new_fields.get(name))
     elif old != new:
         yield path, old, new
 
 
-def _told(value: Any) -> str:
-    return "nothing" if value is None else shown(json.dumps(value))
+def _format_field(value: Any) -> str:
+    return "nothing" if value is None else quote_input(json.dumps(value))

@@ -23,7 +23,7 @@ import xarray as xr
 from study import table_origin
 from unilateral import __version__
 from unilateral.errors import InputError, StorageError
-from unilateral.system.declarations import own
+from unilateral.system.declarations import read_stored_yaml
 from unilateral.system.files import replacing, write_netcdf
 
 SOURCE = (
@@ -31,43 +31,45 @@ SOURCE = (
     "Comment. Math. Univ. Carolin. 21 (1980), No. 2, 231-246"
 )
 CONVENTIONS = "CF-1.11"
-LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
-FLOAT_DIGITS = 4
-NEGLIGIBLE = 1e-12
+STAMPED_LIBRARIES = ("numpy", "scipy", "scikit-fem", "gmsh", "xarray", "netCDF4")
+CSV_DIGITS = 4
+NEGLIGIBLE_COLUMN_SHARE = 1e-12
 
-VARIABLES: dict[str, list[str]] = own(resources.files("study") / "variables.yaml")
+VARIABLES: dict[str, list[str]] = read_stored_yaml(resources.files("study") / "variables.yaml")
 """The long name and the units of each variable, and the paper's equation or a definition."""
 
 
-NORMS = ("h1", "hm12", "l2")
+ERROR_NORMS = ("h1", "hm12", "l2")
 
 
-def error_in(table: xr.Dataset, norm: str, bound: str | None = None, of: str = "error") -> xr.DataArray:
+def error_in_norm(
+    table: xr.Dataset, norm: str, bound: str | None = None, quantity: str = "error"
+) -> xr.DataArray:
     """The error in a norm, or D ("discrete"); in hm12 its "lower" or "upper" bound or their r.m.s. mean.
 
-    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed. `of` is the
+    The mean is 10 to 100 times closer to the error than the bounds are, but not guaranteed. `quantity` is the
     quantity in the variables' names, such as error or norm.
     """
     if norm != "hm12":
-        return table[f"{norm}_{of}"]
+        return table[f"{norm}_{quantity}"]
     if bound:
-        return table[f"hm12_{of}_{bound}"]
-    square = 0.5 * (table[f"hm12_{of}_lower"] ** 2 + table[f"hm12_{of}_upper"] ** 2)
+        return table[f"hm12_{quantity}_{bound}"]
+    square = 0.5 * (table[f"hm12_{quantity}_lower"] ** 2 + table[f"hm12_{quantity}_upper"] ** 2)
     return square**0.5
 
 
-def errors_in_all(table: xr.Dataset) -> xr.DataArray:
+def errors_in_all_norms(table: xr.Dataset) -> xr.DataArray:
     """The error in every norm, over the dimension `norm`; in hm12 it is the r.m.s. mean."""
-    return xr.Dataset({norm: error_in(table, norm) for norm in NORMS}).to_dataarray("norm")
+    return xr.Dataset({norm: error_in_norm(table, norm) for norm in ERROR_NORMS}).to_dataarray("norm")
 
 
-def along_ratio(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
+def select_ratio(table: xr.Dataset, h_over_H: float) -> xr.Dataset:
     """The runs with that h/H, over `run`, coarse to fine."""
     mesh, partition = np.nonzero(np.isclose(table["h_over_H"].values, h_over_H, rtol=1e-9))
     return table.isel(mesh=xr.DataArray(mesh, dims="run"), partition=xr.DataArray(partition, dims="run"))
 
 
-def save(
+def save_table(
     table: xr.Dataset, path: str | os.PathLike[str], scene: str, parameters: Mapping[str, Any] | None = None
 ) -> None:
     """Write a table as netCDF with its variables described, what it belongs to, and no time stamp.
@@ -79,13 +81,13 @@ def save(
         if name in VARIABLES:
             long_name, units, equation = VARIABLES[str(name)]
             variable.attrs = {"long_name": long_name, "units": units, "equation": equation}
-    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+    libraries = ", ".join(f"{name} {version(name)}" for name in STAMPED_LIBRARIES)
     table.attrs = {
         "Conventions": CONVENTIONS,
         "title": f"unilateral problems, verified: {scene}",
         "history": f"made by unilateral {__version__}",
         "scene": scene,
-        **table_origin.stamp(path, parameters),
+        **table_origin.origin_attributes(path, parameters),
         "unilateral": __version__,
         "python": platform.python_version(),
         "libraries": libraries,
@@ -101,10 +103,10 @@ def save(
     with replacing(path) as temporary:
         write_netcdf(table, temporary, encoding=encoding)
         content = temporary.read_bytes()
-        temporary.write_bytes(content + _seal(content))
+        temporary.write_bytes(content + _seal_line(content))
 
 
-def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -> xr.Dataset:
+def load_table(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -> xr.Dataset:
     """A table, read whole.
 
     Raises InputError where there is none, StorageError for one that is damaged or belongs to another place
@@ -116,26 +118,27 @@ def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -
         raise InputError(f"there is no table {path}; run 'make', or 'snakemake -j2 {path}'") from None
     except OSError as error:
         raise StorageError(f"{path} cannot be read: {error.strerror}") from None
-    content, seal = data[:-SEAL], data[-SEAL:]
-    if seal != _seal(content):
+    content = data[:-SEAL_BYTES]
+    seal = data[-SEAL_BYTES:]
+    if seal != _seal_line(content):
         raise StorageError(
             f"{path} is damaged or no table of the study; 'snakemake -j2 -f {path}' makes it anew"
         )
     table = xr.load_dataset(path, engine="netcdf4")
-    if why := table_origin.fault(path, table.attrs, study):
+    if why := table_origin.origin_fault(path, table.attrs, study):
         raise StorageError(f"{path} {why}; 'snakemake -j2 -f {path}' makes it anew")
     return table
 
 
-def _seal(content: bytes) -> bytes:
+def _seal_line(content: bytes) -> bytes:
     """The last line of a file with this content."""
     return f"\nsha256 {hashlib.sha256(content).hexdigest()}\n".encode()
 
 
-SEAL = len(_seal(b""))
+SEAL_BYTES = len(_seal_line(b""))
 
 
-def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
+def join_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
     """One table from those of single levels, coarse to fine.
 
     What does not depend on the mesh is taken from the first level that has it.
@@ -157,14 +160,14 @@ def along_mesh(levels: Sequence[xr.Dataset]) -> xr.Dataset:
 
 def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:
     """Write a table to draw from, rounded so that another machine's last bits do not show."""
-    rounded = {name: _rounded(column) for name, column in frame.items()}
+    rounded = {name: _round_column(column) for name, column in frame.items()}
     with replacing(path) as temporary:
         pd.DataFrame(rounded).to_csv(temporary, index=False, lineterminator="\n")
 
 
-def _rounded(column: pd.Series) -> pd.Series:
+def _round_column(column: pd.Series) -> pd.Series:
     if not pd.api.types.is_float_dtype(column):
         return column
-    negligible = NEGLIGIBLE * column.abs().max()
+    negligible = NEGLIGIBLE_COLUMN_SHARE * column.abs().max()
     cleaned = column.where(column.isna() | (column.abs() > negligible), 0.0)
-    return cleaned.map(lambda x: "" if np.isnan(x) else f"{x:.{FLOAT_DIGITS}g}")
+    return cleaned.map(lambda x: "" if np.isnan(x) else f"{x:.{CSV_DIGITS}g}")

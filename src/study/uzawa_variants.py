@@ -16,12 +16,14 @@ UNCLIPPED = "without the clip"
 VARIANTS = (AS_MEANT, AS_PRINTED, UNCLIPPED)
 
 
-def iterate(operator: DualOperator, offset: Array, rho: float, steps: int, variant: str) -> Array:
+def iterate_variant(operator: DualOperator, offset: Array, rho: float, steps: int, variant: str) -> Array:
     """The iterate lambda^steps, from lambda^0 = 0 and, in the variant that uses it, lambda^(-1) = 0."""
-    now = before = np.zeros(len(offset))
+    mu = previous = np.zeros(len(offset))
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(steps):
-            seen = before if variant == AS_PRINTED else now
-            new = now - rho * operator.gap(seen, offset)
-            now, before = (new if variant == UNCLIPPED else np.maximum(0, new)), now
-    return now
+            observed = previous if variant == AS_PRINTED else mu
+            # (5.1), (5.2): lambda^{n+1} = max(0, lambda^n - rho (means of u^n - g)), u^n of the observed one
+            updated = mu - rho * operator.gap(observed, offset)
+            previous = mu
+            mu = updated if variant == UNCLIPPED else np.maximum(0, updated)
+    return mu

@@ -2,12 +2,12 @@
 
 import sys
 
-from unilateral.system.signals import leave_when_interrupted
+from unilateral.system.signals import exit_on_interrupt
 
 
 def main() -> int:
     """Run it; the exit code. An interrupt ends it in one line from here on, also while it is imported."""
-    leave_when_interrupted()
+    exit_on_interrupt()
     from unilateral.cli import main as command
 
     return command()

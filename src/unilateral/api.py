@@ -19,44 +19,44 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.adaptive.goal import ACCURACY, NORMS, Goal
+from unilateral.adaptive.goal import DEFAULT_ACCURACY, GOAL_NORMS, Goal
 from unilateral.adaptive.level import Level
 from unilateral.adaptive.loop import search
-from unilateral.discrete.choice import solve_on
-from unilateral.errors import InputError, IterationWarning, shown
+from unilateral.discrete.choice import solve_on_mesh
+from unilateral.errors import InputError, IterationWarning, quote_input
 from unilateral.geometry.files import read_mesh
-from unilateral.geometry.foreign import halved, mesh_from
+from unilateral.geometry.foreign import as_mesh, refine_within_memory
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
 from unilateral.problems import problem as problems
-from unilateral.problems.arguments import vertices
-from unilateral.problems.build import OnSides, problem_of_arguments
+from unilateral.problems.arguments import as_vertices
+from unilateral.problems.build import GivenOnSides, make_problem
 from unilateral.problems.named import case, find_problem, load
-from unilateral.problems.problem_file import polygon_of
+from unilateral.problems.problem_file import load_polygon
 from unilateral.problems.reading import Given
 from unilateral.solution import certification
-from unilateral.solution.faults import tell_faults
-from unilateral.solution.sizes import KINDS, Size, check_kind, number, put_on_sizes
+from unilateral.solution.shortfalls import warn_of_shortfalls
+from unilateral.solution.sizes import MESH_KINDS, Size, check_mesh_kind, mesh_problem, read_optional_number
 from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop
-from unilateral.solution.summary import LINEAR
+from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
 from unilateral.solvers.stop import Stop
-from unilateral.system.files import path_of
+from unilateral.system.files import check_path
 
-__all__ = ["KINDS", "Problem", "Solver", "case", "certify", "load", "mesh", "solve"]
+__all__ = ["MESH_KINDS", "Problem", "Solver", "case", "certify", "load", "mesh", "solve"]
 
 
 def Problem(
     polygon: Polygon | Mesh | ArrayLike,
     f: Given,
-    g: OnSides = None,
+    g: GivenOnSides = None,
     free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
     k: str | float = 1,
     c: str | float = 1,
-    q: OnSides = 0,
+    q: GivenOnSides = 0,
     u: Mapping[int, Given] | None = None,
 ) -> problems.Problem:
     """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that carry contact.
@@ -92,7 +92,7 @@ def Problem(
     """
     if f is None:
         raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
-    return problem_of_arguments(polygon, f, g, free_sides=free_sides, name=name, k=k, c=c, q=q, u=u)
+    return make_problem(polygon, f, g, free_sides=free_sides, name=name, k=k, c=c, q=q, u=u)
 
 
 def mesh(
@@ -143,20 +143,20 @@ def mesh(
     >>> mesh.points.shape, mesh.triangles.shape, mesh.polygon.n_sides
     ((9, 2), (8, 3), 4)
     """
-    domain = _polygon(polygon)
+    domain = _as_polygon(polygon)
     if isinstance(given, str | os.PathLike) and triangles is None:
-        return halved(read_mesh(path_of(given, "mesh.msh"), domain), halvings)
-    return halved(mesh_from(given, triangles, domain), halvings)
+        return refine_within_memory(read_mesh(check_path(given, "mesh.msh"), domain), halvings)
+    return refine_within_memory(as_mesh(given, triangles, domain), halvings)
 
 
-def _polygon(given: object) -> Polygon | None:
+def _as_polygon(polygon_or_name: object) -> Polygon | None:
     """The polygon that is given by its vertices, by what has it, or by a name."""
-    if given is None or isinstance(given, Polygon):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return polygon_of(str(path_of(given, "problem.yaml")))
-    of_problem = getattr(given, "polygon", None)
-    return of_problem if isinstance(of_problem, Polygon) else Polygon(vertices(given, "polygon"))
+    if polygon_or_name is None or isinstance(polygon_or_name, Polygon):
+        return polygon_or_name
+    if isinstance(polygon_or_name, str | os.PathLike):
+        return load_polygon(str(check_path(polygon_or_name, "problem.yaml")))
+    domain = getattr(polygon_or_name, "polygon", None)
+    return domain if isinstance(domain, Polygon) else Polygon(as_vertices(polygon_or_name, "polygon"))
 
 
 def solve(
@@ -205,33 +205,35 @@ def solve(
     True
     """
     now = perf_counter()
-    begin = number("begin", begin)
+    begin = read_optional_number("begin", begin)
     if begin is None:
         begin = now
     if not begin <= now:
         raise InputError(f"begin is {begin:g}; it has to be a time of time.perf_counter() that has passed")
-    problem = _problem(problem)
-    h = number("h", h)
-    H = number("H", H)
-    accuracy = number("the accuracy", accuracy)
-    check_kind(mesh)
+    problem = _as_problem(problem)
+    h = read_optional_number("h", h)
+    H = read_optional_number("H", H)
+    accuracy = read_optional_number("the accuracy", accuracy)
+    check_mesh_kind(mesh)
     check_stop(stop)
     arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
     without_sizes = h is None and H is None and accuracy is None and not absolute
     on_own_mesh = isinstance(mesh, Mesh) or problem.mesh is not None
     if without_sizes and not on_own_mesh and not problem.has_functions:
-        accuracy = ACCURACY
+        accuracy = DEFAULT_ACCURACY
     if not (tell is None or callable(tell)):
         raise InputError("tell has to be a function of a level; leave it out")
     limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
+    # on given sizes
     if accuracy is None:
-        other_norm = not (isinstance(norm, str) and norm == NORMS[0])
-        _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
+        other_norm = not (isinstance(norm, str) and norm == GOAL_NORMS[0])
+        _refuse_accuracy_options(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
         stop = stop or Stop()
-        problem, triangulation, partition = put_on_sizes(problem, h, H, mesh, stop)
-        solution = Solution(problem, solve_on(problem, triangulation, partition, stop))
-        tell_faults(solution, on_own_mesh)
+        problem, triangulation, partition = mesh_problem(problem, h, H, mesh, stop)
+        solution = Solution(problem, solve_on_mesh(problem, triangulation, partition, stop))
+        warn_of_shortfalls(solution, on_own_mesh)
         return solution
+    # up to an accuracy, on meshes that the search makes
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
     if problem.mesh is not None:
@@ -247,21 +249,22 @@ def solve(
     goal = Goal(
         accuracy,
         norm,
-        **{name: number(name, limit) for name, limit in limits.items()},
+        **{name: read_optional_number(name, limit) for name, limit in limits.items()},
         sharp=sharp or norm == "hm12",
         absolute=absolute,
         kind=mesh,
         stop=stop or Stop(),
     )
-    if goal.norm == "hm12" and not problems.contact_sides(
+    if goal.norm == "hm12" and not problems.remaining_sides(
         problem.polygon, problem.free_sides, problem.clamped_sides
     ):
-        raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
+        raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
+    # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(problem, goal, tell, dry_run, begin)
     solution = Solution(problem, levels.best.solved, levels)
     if not dry_run:
-        tell_faults(solution)
+        warn_of_shortfalls(solution)
     return solution
 
 
@@ -310,40 +313,49 @@ def certify(
     >>> [round(ul.certify(right.problem, right.mesh, s.u).bounds.u, 2) for s in (right, half)]
     [0.02, 0.17]
     """
-    problem = _problem(problem)
-    solution = certification.certify(problem, _mesh_on(problem, mesh), u, multiplier)
-    tell_faults(solution, own_mesh=True)
+    problem = _as_problem(problem)
+    solution = certification.certify_nodal_values(problem, _as_mesh_of_problem(problem, mesh), u, multiplier)
+    warn_of_shortfalls(solution, is_user_mesh=True)
     return solution
 
 
-def _mesh_on(problem: problems.Problem, given: object) -> Mesh:
+def _as_mesh_of_problem(problem: problems.Problem, mesh_or_points: object) -> Mesh:
     """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
-    own, found = problem.mesh, given
-    if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
-        parts = given if isinstance(given, tuple) and len(given) == 2 else (given,)
-        found = mesh(*parts, polygon=problem.polygon)
-    if own and not (
-        np.array_equal(found.points, own.points) and np.array_equal(found.triangles, own.triangles)
+    problem_mesh = problem.mesh
+    triangulation = mesh_or_points
+    if not (
+        isinstance(triangulation, Mesh)
+        and np.array_equal(triangulation.polygon.vertices, problem.polygon.vertices)
+    ):
+        points = mesh_or_points
+        triangles = None
+        if isinstance(mesh_or_points, tuple) and len(mesh_or_points) == 2:
+            points, triangles = mesh_or_points
+        triangulation = mesh(points, triangles, polygon=problem.polygon)
+    if problem_mesh and not (
+        np.array_equal(triangulation.points, problem_mesh.points)
+        and np.array_equal(triangulation.triangles, problem_mesh.triangles)
     ):
         raise InputError(
             f"'{problem.name}' was made of another mesh; give that one, for its arrays belong to it"
         )
-    return own or found
+    return problem_mesh or triangulation
 
 
-def _problem(of: object) -> problems.Problem:
+def _as_problem(problem_or_name: object) -> problems.Problem:
     """The problem that is given, or that of a name."""
-    found = find_problem(of)
-    if found is None:
+    problem = find_problem(problem_or_name)
+    if problem is None:
         raise InputError(
-            f"{shown(repr(of))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
+            f"{quote_input(repr(problem_or_name))} is not a problem; take ul.Problem(...), ul.case(name) or "
+            "ul.load(path)"
         )
-    return found
+    return problem
 
 
-def _check_sizes_alone(limits: Mapping[str, Size | None], **others: bool) -> None:
+def _refuse_accuracy_options(limits: Mapping[str, Size | None], **flags: bool) -> None:
     """Raises InputError for what only an accuracy has a use for."""
-    given = [name for name, limit in limits.items() if limit is not None]
-    given += [name for name, other in others.items() if other]
-    if given:
-        raise InputError(f"{given[0]} is only for an accuracy; leave it out, or give an accuracy")
+    options = [name for name, limit in limits.items() if limit is not None]
+    options += [name for name, is_set in flags.items() if is_set]
+    if options:
+        raise InputError(f"{options[0]} is only for an accuracy; leave it out, or give an accuracy")

@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-LONGEST = 60
+MAX_QUOTED_CHARACTERS = 60
+"""Messages quote at most this many characters of an input."""
 
 
 class InputError(Exception):
@@ -65,22 +66,22 @@ class StorageError(InputError):
     exit_code = 4
 
 
-def shown(value: object) -> str:
+def quote_input(value: object) -> str:
     """Input as a message quotes it: in one line, and its beginning if it is long."""
     text = " ".join(str(value).split(None)) if "\n" in str(value) else str(value)
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return text if len(text) <= MAX_QUOTED_CHARACTERS else f"{text[: MAX_QUOTED_CHARACTERS - 3]}..."
 
 
-def meant(given: str, known: Iterable[str]) -> str:
+def suggest_name(name: str, known_names: Iterable[str]) -> str:
     """The end of a message about an unknown name: the known one that is most like it, if any is."""
-    near = get_close_matches(given, known, n=1)
+    near = get_close_matches(name, known_names, n=1)
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def counted(n: int, one: str, many: str = "") -> str:
-    """A number of things, such as 1 edge or 2 edges; `many` is for words whose plural has no s at its end.
+def pluralise(n: int, singular: str, plural: str = "") -> str:
+    """A number of things, such as 1 edge or 2 edges; `plural` is for words whose plural has no s at its end.
 
-    >>> counted(1, "edge"), counted(2, "edge"), counted(1, "mesh", "meshes")
+    >>> pluralise(1, "edge"), pluralise(2, "edge"), pluralise(1, "mesh", "meshes")
     ('1 edge', '2 edges', '1 mesh')
     """
-    return f"{n} {one if n == 1 else many or one + 's'}"
+    return f"{n} {singular if n == 1 else plural or singular + 's'}"

@@ -23,10 +23,10 @@ from benchmarks import side_by_side as benchmark_tables
 from benchmarks.peers.driver import matched
 from study import tables
 from unilateral.errors import InputError
-from unilateral.geometry.polygon import named, square
+from unilateral.geometry.polygon import find_polygon, square
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
-from unilateral.problems.case_certificate import certify
+from unilateral.problems.case_certificate import certify_case
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 N = 16
@@ -73,10 +73,10 @@ def test_the_cases_hold_with_as_many_contact_zones_as_they_say() -> None:
     for name, of in plan.read(COMMITTED)["problems"].items():
         if name == "own":  # a problem file
             continue
-        case = cases.load(
-            ROOT / of["case"] if of["case"].endswith(".yaml") else of["case"], named(of["polygon"])
+        case = cases.load_solution(
+            ROOT / of["case"] if of["case"].endswith(".yaml") else of["case"], find_polygon(of["polygon"])
         )
-        zones[name] = sum(side == 0 for side, _, _ in certify(case).contact)
+        zones[name] = sum(side == 0 for side, _, _ in certify_case(case).contact)
     assert (zones["natural_0437"], zones["three_zones"], zones["zones_37"]) == (1, 3, 37)
 
 
@@ -218,11 +218,13 @@ def ordered(**more: Any) -> dict[str, Any]:
 
 def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
     known = np.load(data)
-    rng, mesh = np.random.default_rng(0), problem.mesh_of(ordered())
-    v, order = known["w"] + 0.01 * rng.standard_normal(len(known["w"])), rng.permutation(len(known["w"]))
+    rng = np.random.default_rng(0)
+    mesh = problem.mesh_of(ordered())
+    v = known["w"] + 0.01 * rng.standard_normal(len(known["w"]))
+    order = rng.permutation(len(known["w"]))
     np.savez(tmp_path / "found.npz", points=known["points"][order], u_0=v[order], u_1=known["w"][order])
     judged = problem.judge(ordered(), data, tmp_path / "found.npz")
-    case = cases.load("natural", square())
+    case = cases.load_solution("natural", square())
     # The degree of the rule leaves 1e-9 of the squares.
     assert judged["errors"] == pytest.approx([h1_distance(case, mesh, v), judged["reference"]], rel=1e-8)
     assert judged["errors"][0] > 1.5 * judged["reference"]
@@ -238,7 +240,8 @@ def test_nodes_of_another_mesh_are_refused() -> None:
 @pytest.mark.parametrize("solver", ["multigrid", "linear", "recursive", "sparse", "skfem"])
 def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) -> None:
     """On cells of two edges, or by nodes, within the plan's share of the discrete solution's error."""
-    given, found = plan.read(COMMITTED), tmp_path / "found.npz"
+    given = plan.read(COMMITTED)
+    found = tmp_path / "found.npz"
     of = given["solvers"][solver]
     said = json.loads(runner.started(sys.executable, of["module"], data, found, ordered(**of["settings"])))
     assert said["peak_mb"] > 10
@@ -252,7 +255,7 @@ def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) 
 
 def test_all_that_was_measured_reached_the_error() -> None:
     """On cells of two edges and with nodal constraints, on meshes fine enough for the problem."""
-    runs = tables.load(ROOT / "benchmarks/results.nc").to_dataframe()
+    runs = tables.load_table(ROOT / "benchmarks/results.nc").to_dataframe()
     judged = runs[runs["over_discrete"].notna() & benchmark_tables.comparable(runs)]
     assert len(judged) > 20
     assert (judged["over_discrete"] <= 1 + plan.read(COMMITTED)["within"]).all()

@@ -57,7 +57,8 @@ def test_a_row_has_medians_of_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_tiny_mesh_is_measured_and_proved(tmp_path: Path) -> None:
     """160 triangles, whose certificate both checkers prove; a spoilt one stops the benchmark."""
-    given, formulas = tmp_path / "given.json.gz", tmp_path / "formulas.json.gz"
+    given = tmp_path / "given.json.gz"
+    formulas = tmp_path / "formulas.json.gz"
     found = trust.measured(4, given, formulas)
     assert found["triangles"] == 160
     assert all(found[part]["seconds"] > 0 and found[part]["mb"] > 0 for part in PARTS)

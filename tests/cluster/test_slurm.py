@@ -14,7 +14,8 @@ from one_node import missing, one_node
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(missing()), reason=missing())]
 PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
 TARGET = "results/quick/dual_norm.nc"
-SCRIPT, CALL = "workflow/scripts/job.py", "            getattr("
+SCRIPT = "workflow/scripts/job.py"
+CALL = "            getattr("
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,8 @@ def jobs(environment, known=()):
 
 def test_the_cluster_makes_the_tables_of_a_local_run_byte_for_byte(node, tmp_path_factory):
     """The expected bytes are those of the other executor. Control: timings.nc has the seconds and differs."""
-    local, remote = (copy_project(tmp_path_factory.mktemp(name)) for name in ("local", "remote"))
+    local = copy_project(tmp_path_factory.mktemp("local"))
+    remote = copy_project(tmp_path_factory.mktemp("remote"))
     found = [snakemake(local, node, "-c1", "quick"), snakemake(remote, node, *PROFILE, "quick")]
     assert [code for code, _ in found] == [0, 0], found
     assert "submitted with SLURM jobid" in found[1][1]

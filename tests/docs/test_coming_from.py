@@ -38,7 +38,8 @@ def test_both_agree_up_to_the_error_of_the_discretisation():
     distances = []
     for refined in (4, 5, 6):
         names = found(refined)
-        bound, force = names["s"].bounds.u, names["force"]
+        bound = names["s"].bounds.u
+        force = names["force"]
         distance, of_forces = apart(names)
         assert distance <= 2 * bound
         assert force.lower <= names["reaction"].sum() <= force.upper

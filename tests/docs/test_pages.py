@@ -53,7 +53,10 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.anchors, self.links, self.fetched, self.style = set(), [], [], False
+        self.anchors = set()
+        self.links = []
+        self.fetched = []
+        self.style = False
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):

@@ -10,7 +10,7 @@ from conftest import ROOT
 from documents import PAGES, blocks
 from pictures import NUMBER, PRINTED
 
-from study.documents.marks import without_marks
+from study.documents.marks import remove_marks
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "unilateral solve examples/arch.yaml --accuracy 0.05"
@@ -21,7 +21,7 @@ NOT_FIRST = ("gmsh", "matplotlib", "netCDF4", "pandas", "plotly", "xarray")
 
 def words(text):
     """The words that a reader sees, in tables and code, too: what has a letter or a digit between spaces."""
-    read = re.sub(r"<!--.*?-->", "", without_marks(text), flags=re.DOTALL)
+    read = re.sub(r"<!--.*?-->", "", remove_marks(text), flags=re.DOTALL)
     read = re.sub(r"!\[[^\]]*\]\([^)]*\)", "", read)  # pictures
     read = re.sub(r"\]\([^)]*\)", "]", read)  # where links lead
     return [word for word in read.split() if re.search(r"\w", word)]
@@ -65,10 +65,8 @@ def test_the_first_solution_imports_the_solver_only(tmp_path):
     run = subprocess.run(
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    first, following = (
-        {*NOT_FIRST} & {*re.search(f"^{name} (.*)$", run.stdout, re.MULTILINE)[1].split()}
-        for name in ("FIRST", "NEXT")
-    )
+    first = {*NOT_FIRST} & {*re.search("^FIRST (.*)$", run.stdout, re.MULTILINE)[1].split()}
+    following = {*NOT_FIRST} & {*re.search("^NEXT (.*)$", run.stdout, re.MULTILINE)[1].split()}
     assert first == set()
     assert "matplotlib" in following
 

@@ -88,9 +88,9 @@ def test_the_bound_on_all_steps_holds(page):
 
 def test_a_flux_in_equilibrium_is_no_good_bound_on_a_short_step(page, monkeypatch):
     """Control: without fluxes for triangles larger than dt^(1/2), and the residual by parts on these."""
-    monkeypatch.setattr(equilibrated_flux, "BALANCE", np.inf)
+    monkeypatch.setattr(equilibrated_flux, "PATCH_REACTION_RATIO", np.inf)
     monkeypatch.setattr(
-        flux_residuals, "by_parts", lambda mesh, triangles, *_: np.full(len(triangles), np.inf)
+        flux_residuals, "bound_by_parts", lambda mesh, triangles, *_: np.full(len(triangles), np.inf)
     )
     step, fine = steps(page, 1e-8)
     assert step.bounds.u > 10 * distance(step, fine, 1e-8)

@@ -11,7 +11,7 @@ from unilateral.errors import InputError
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 FILES = [f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")]
-WHOLE, READ = configuration.read([str(ROOT / file) for file in FILES])
+WHOLE, READ = configuration.read_configuration([str(ROOT / file) for file in FILES])
 SOURCES = {name: str(Path(file).relative_to(ROOT)) for name, file in READ.items()}
 SOURCE = r"([\w./, ]+\.yaml|the option --config)"
 """Where a message says that a field is from."""

@@ -17,7 +17,8 @@ import xarray as xr
 from study.evidence import Unjudged
 from study.ledger import claims
 
-NAN, INF = math.nan, math.inf
+NAN = math.nan
+INF = math.inf
 DIMS = {
     "case mesh partition": "h1_error l2_error hm12_best hm12_error_lower hm12_error_upper discrete_error "
     "ritz_means iterations tolerance",
@@ -50,7 +51,7 @@ def table(**variables):
 
 def observes(check, given, expected):
     """Assert what a check, or a claim's, observes: a number and perhaps whether it holds; or the reason."""
-    measure = claims.find(check).measure if isinstance(check, str) else check
+    measure = claims.find_claim(check).measure if isinstance(check, str) else check
     if isinstance(expected, str):
         with pytest.raises(Unjudged, match=expected):
             measure(given)

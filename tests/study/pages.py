@@ -71,7 +71,8 @@ def table(figure):
 @contextmanager
 def recorded():
     """The figures as they are written."""
-    found, savefig = [], Figure.savefig
+    found = []
+    savefig = Figure.savefig
 
     def recording(figure, *arguments, **options):
         savefig(figure, *arguments, **options)
@@ -87,7 +88,8 @@ def recorded():
 def drawn(figure, table):
     """The page drawn from that table, and its SVG."""
     with TemporaryDirectory() as folder, recorded() as pages:
-        path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
+        path = Path(folder) / "table.csv"
+        target = Path(folder) / "figure.svg"
         table.to_csv(path, index=False)
         modules()[figure].draw(path, target)
         return pages[0], target.read_bytes()
@@ -101,7 +103,8 @@ def page(figure):
 
 def faults(page):
     """What is wrong with a page: text that is smaller than in a paper, what is beyond it, its width."""
-    (width, height), box = page.get_size_inches(), page.get_tightbbox()
+    (width, height) = page.get_size_inches()
+    box = page.get_tightbbox()
     seen = [text for text in page.findobj(Text) if text.get_visible() and text.get_text()]
     found = [f"small: {text.get_text()}" for text in seen if float(text.get_fontsize()) < 8]
     if min(box.x0, box.y0) < 0 or box.x1 > width or box.y1 > height:
@@ -139,7 +142,8 @@ def study_errors():
 
     beta = 0 at H = h, where only u has an error.
     """
-    h, H = LEVELS[:, None], np.array([1.0, *LEVELS])[None]
+    h = LEVELS[:, None]
+    H = np.array([1.0, *LEVELS])[None]
     run = ("case", "mesh", "partition")
     value = np.where((2 * h == H) | (h == H), 10 * h + H, np.nan)[None]
     of_lambda = np.where(h == H, np.nan, value)

@@ -24,9 +24,9 @@ ROOT = Path(__file__).parents[2]
 def main():
     os.chdir(ROOT)
     files = sorted(str(file) for file in Path("workflow/config").glob("*.yaml"))
-    config.check(*config.read(files), "workflow/schemas/study.schema.yaml")
+    config.check(*config.read_configuration(files), "workflow/schemas/study.schema.yaml")
     for script in Path("workflow/scripts").glob("*.py"):
-        code.digest(str(script))
+        code.digest_program(str(script))
     for line in sys.stdin:
         folder, *arguments = json.loads(line)
         with TemporaryFile("w+") as out, TemporaryFile("w+") as err:

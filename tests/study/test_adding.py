@@ -39,9 +39,9 @@ COUNTED = """claims:
   control: { what: "a hundredth more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
 """
 """The claims of the experiment that is added."""
-STABILITY, COUNTS, EXTREMES = (
-    f"src/study/experiments/{name}" for name in ("stability", "counts", "extremes")
-)
+STABILITY = "src/study/experiments/stability"
+COUNTS = "src/study/experiments/counts"
+EXTREMES = "src/study/experiments/extremes"
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
@@ -63,7 +63,7 @@ PLACES = [
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
     ("src/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
-    (f"{EXTREMES}/measure.py", "] = {\n", '    "calm": data_axes.nothing,\n'),
+    (f"{EXTREMES}/measure.py", "] = {\n", '    "calm": data_axes.zero_data_axis,\n'),
     (f"{EXTREMES}/schema.yaml", "[ratio, ", "calm, "),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]
@@ -72,13 +72,13 @@ PLACES = [
 USED = """
 from study.experiments.counts.measure import measure_counts
 from study.experiments.extremes.measure import AXES
-from study.ledger.claims import find
+from study.ledger.claims import find_claim
 from study.experiments.counts.counts_figure import draw, table
-from study.tables import load, save_csv
+from study.tables import load_table, save_csv
 
 measure_counts({"polygon": "square", "h": ["1/8", "1/16"]}, "counts/counts.nc")
-print(find("V.h").measure({"counts/counts": load("counts/counts.nc")}).observed)
-print(find("3.1d").reads)
+print(find_claim("V.h").measure({"counts/counts": load_table("counts/counts.nc")}).observed)
+print(find_claim("3.1d").reads)
 print(AXES["calm"].__module__)
 files = "counts/counts.csv", "counts/counts.svg"
 save_csv(table("counts/counts.nc"), files[0])
@@ -91,10 +91,8 @@ print(open(files[1]).read().count("<svg"))
 
 def run(folder: Path, *arguments: str) -> str:
     """What a program says that uses the library in that folder."""
-    command, environment = (
-        [sys.executable, *arguments],
-        {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}"},
-    )
+    command = [sys.executable, *arguments]
+    environment = {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}"}
     found = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
     assert found.returncode == 0, found.stderr
     return found.stdout + found.stderr

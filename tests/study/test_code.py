@@ -23,7 +23,7 @@ def project(tmp_path_factory):
 def digest_of_change(project, monkeypatch):
     """The digest of the script `cells` where a text in one file is another one, which alone is read anew."""
     monkeypatch.chdir(project)
-    read = code._read
+    read = code._digest_source
 
     def change(name, old, new, first):
         file = Path(name)
@@ -33,9 +33,9 @@ def digest_of_change(project, monkeypatch):
         try:
             with monkeypatch.context() as changed:
                 changed.setattr(
-                    code, "_read", lambda each: (read.__wrapped__ if each == file else read)(each)
+                    code, "_digest_source", lambda each: (read.__wrapped__ if each == file else read)(each)
                 )
-                return code.digest(CELLS)
+                return code.digest_program(CELLS)
         finally:
             file.write_text(text)  # all tests share the project
 
@@ -56,7 +56,7 @@ UNCHANGED = {
     "layout": (MEASURE, "def measure_cells", "\n\ndef measure_cells", None),
     "another experiment": (
         "src/study/experiments/graded/measure.py",
-        "def measure_graded",
+        "def measure_grading",
         "def other",
         None,
     ),
@@ -68,20 +68,20 @@ CHANGED = {
     "the library": ("src/unilateral/solvers/uzawa.py", "def uzawa(", "def other("),
     "a package": ("src/unilateral/solvers/__init__.py", '"""', 'x = 1\n"""'),
     "data": ("src/study/variables.yaml", "h:", "h2:"),
-    "what scripts share": ("workflow/scripts/job.py", "made_by(snakemake.rule)", "made_by('other')"),
+    "what scripts share": ("workflow/scripts/job.py", "stamp_rule(snakemake.rule)", "stamp_rule('other')"),
     "the script": ("workflow/scripts/cells.py", "params.stop", "params.other"),
 }
 
 
 @pytest.mark.parametrize("name", UNCHANGED)
 def test_what_no_result_of_a_script_depends_on_leaves_its_digest(digest_of_change, name):
-    assert digest_of_change(*UNCHANGED[name]) == code.digest(CELLS)
+    assert digest_of_change(*UNCHANGED[name]) == code.digest_program(CELLS)
 
 
 @pytest.mark.parametrize("name", CHANGED)
 def test_what_a_script_runs_or_reads_changes_its_digest(digest_of_change, name):
     """Control."""
-    assert digest_of_change(*CHANGED[name], 0) != code.digest(CELLS)
+    assert digest_of_change(*CHANGED[name], 0) != code.digest_program(CELLS)
 
 
 @cache
@@ -100,7 +100,8 @@ def file_of(module):
 def test_the_files_of_a_script_are_those_of_the_modules_that_it_imports(monkeypatch, script):
     """By import-linter's graph from what it and `job` import; and the packages that these are in."""
     monkeypatch.chdir(ROOT)
-    program, job = f"workflow/scripts/{script}.py", "workflow/scripts/job.py"
+    program = f"workflow/scripts/{script}.py"
+    job = "workflow/scripts/job.py"
     lines = [line.strip() for file in (program, job) for line in Path(file).read_text().splitlines()]
     ours = ("from benchmarks", "from study.", "from unilateral")
     own = {line.split()[1] for line in lines if line.startswith(ours)} | {"study.tables"}

@@ -15,7 +15,7 @@ from conftest import ROOT
 
 from study import config as configuration
 from unilateral.errors import InputError
-from unilateral.system.declarations import MAX_NODES
+from unilateral.system.declarations import MAX_YAML_NODES
 
 SCHEMAS = [Path(SCHEMA), *(ROOT / "src/study/experiments").glob("*/schema.yaml")]
 RULES = [yaml.safe_load(file.read_text()) for file in SCHEMAS]
@@ -268,7 +268,7 @@ def test_files_that_are_refused(tmp_path, contents):
     for file, content in zip(files, contents, strict=True):
         file.write_text(content)
     with sentences.raises(InputError):
-        configuration.read(map(str, files))
+        configuration.read_configuration(map(str, files))
 
 
 def nested(levels):
@@ -280,7 +280,7 @@ EXTREME = {
     "longer than Python prints": (10**5000, "it has more than 18 digits"),
     "negative": (-(10**400), "it has more than 18 digits"),
     "deep": (nested(500), "it is in more than 10 lists or fields"),
-    "wide": ([1] * (MAX_NODES + 1), "..."),
+    "wide": ([1] * (MAX_YAML_NODES + 1), "..."),
     "fraction": ("1/" + "9" * 400, "..."),
     "digits": ("1" * 400, "..."),
 }

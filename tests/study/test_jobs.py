@@ -17,7 +17,8 @@ def ended(statements, folder, given=(), config=None):
 
     Its rule is named `made`; its input is `given`, and the configuration is `config`.
     """
-    log, files = folder / "job.log", [str(file) for file in given]
+    log = folder / "job.log"
+    files = [str(file) for file in given]
     code = f"import os, signal, sys, warnings; sys.path.append({str(SCRIPTS)!r})\n"
     code += "from types import SimpleNamespace; from job import run; from unilateral import errors\n"
     code += f"snakemake = SimpleNamespace(input={files}, log=[{str(log)!r}])\n"
@@ -62,14 +63,14 @@ def test_cases_of_a_scene_are_certified(tmp_path):
     text = (ROOT / "manufactured/thirds.yaml").read_text().replace("pos(1/3 - t, 3/2)", "pos(1/2 - t, 3/2)")
     (tmp_path / "broken.yaml").write_text(text)
     scene = {"polygon": "square", "side": 0, "cases": [str(tmp_path / "broken.yaml")]}
-    found, _ = ended(f"from study import scenes; scenes.cases({scene!r})", tmp_path)
+    found, _ = ended(f"from study import scenes; scenes.load_cases({scene!r})", tmp_path)
     assert re.fullmatch(r"unilateral: case 'broken' .*lambda \(u - g\) is not 0.*\n", found.stderr)
 
 
 def test_a_damaged_mesh_says_how_it_is_made_anew(tmp_path):
     """An emptied one, as `bound_totals` reads it."""
     (tmp_path / "mesh.vtu").write_text("")
-    read = f"scenes.stored_mesh({str(tmp_path / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
+    read = f"scenes.read_coarsest_mesh({str(tmp_path / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
     found, _ = ended(f"from study import scenes; {read}", tmp_path)
     said = r"unilateral: .*mesh\.vtu: the file is empty.*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
     assert re.fullmatch(said, found.stderr)
@@ -81,9 +82,9 @@ def test_a_job_stamps_its_tables_and_refuses_those_of_another_configuration(tmp_
     table = tmp_path / "square/errors.nc"
     table.parent.mkdir()
     save = "from study import tables; import xarray; "
-    save += f"tables.save(xarray.Dataset(), {str(table)!r}, 'square', {{'stop.tolerance': 1}})"
+    save += f"tables.save_table(xarray.Dataset(), {str(table)!r}, 'square', {{'stop.tolerance': 1}})"
     assert ended(save, tmp_path)[0].returncode == 0
-    told = tables.load(table).attrs
+    told = tables.load_table(table).attrs
     assert (told["table"], told["rule"], told["scene"]) == ("square/errors", "made", "square")
     found, log = ended("print('read')", tmp_path, [table], {"stop": {"tolerance": 2}})
     said = f"unilateral: {table} was made with stop.tolerance: 1, and the configuration has 2; "

@@ -71,8 +71,8 @@ def test_versions_are_those_of_what_the_study_needs():
         needed += extras[extra]
     here = [each for each in needed if "sys_platform == " not in each]
     names = {re.match(r"[\w.-]+", each)[0] for each in here}
-    assert manifest.versions().keys() == names | {"unilateral", "Python"}
-    assert manifest.versions()["unilateral"] == project["version"]
+    assert manifest.package_versions().keys() == names | {"unilateral", "Python"}
+    assert manifest.package_versions()["unilateral"] == project["version"]
 
 
 def test_the_stored_manifest_is_that_of_the_results():

@@ -67,8 +67,10 @@ def places(value, at=()):
 def mutant(rng, place):
     """The study changed at a place, and how; or None where that is no change."""
     study = copy.deepcopy(STUDY)
-    above, last = parent(study, place), place[-1]
-    old, how = above[last], str(rng.choice(["value"] * 6 + ["removed", "newline", "extra", "key", "entry"]))
+    above = parent(study, place)
+    last = place[-1]
+    old = above[last]
+    how = str(rng.choice(["value"] * 6 + ["removed", "newline", "extra", "key", "entry"]))
     if how == "value":
         how = str(rng.choice(list(VALUES)))
         above[last] = VALUES[how]
@@ -77,7 +79,8 @@ def mutant(rng, place):
     elif how == "newline" and isinstance(old, str):
         above[last] = f"{old}\n"
     elif how in ("extra", "key") and isinstance(old, dict) and old:
-        name, taken = str(rng.choice(list(KEYS))), list(old)[rng.integers(len(old))]
+        name = str(rng.choice(list(KEYS)))
+        taken = list(old)[rng.integers(len(old))]
         value = old[taken] if how == "extra" else old.pop(taken)
         old[KEYS[name]] = copy.deepcopy(value)
         how = f"{how} {name}"
@@ -91,14 +94,17 @@ def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
 
     The longest line lists all cases.
     """
-    rng, accepted, number = np.random.default_rng(7), [], 0
+    rng = np.random.default_rng(7)
+    accepted = []
+    number = 0
     found = list(places(STUDY))
     found = [place for place in found if "finds" not in place or rng.random() < 0.1]
     for place in (found[i] for i in rng.integers(len(found), size=250)):
         made = mutant(rng, place)
         if made is None:
             continue
-        said, number = fault(made[0]), number + 1
+        said = fault(made[0])
+        number = number + 1
         if said is None:
             accepted.append((".".join(map(str, place)), made[1]))
         else:

@@ -7,7 +7,7 @@ import pytest
 import sentences
 import xarray as xr
 
-from study.rates import Expectation, collect, judge, smallest_rate, summary
+from study.rates import Expectation, judge_errors, smallest_rate, summarise_rates, tabulate_judgements
 from unilateral.errors import InputError
 
 UNFIT = "algebraic error is above"
@@ -30,10 +30,13 @@ def table(power=1.0, **changes):
     """Errors 3 h^power along H = 2h, all else as it should be."""
     n = len(LEVELS)
     grid = np.full((1, n, n), np.nan)
-    error, algebraic, converged = grid.copy(), grid.copy(), grid.copy()
+    error = grid.copy()
+    algebraic = grid.copy()
+    converged = grid.copy()
     i = np.arange(n)
     error[0, i, i] = 3 * LEVELS**power
-    algebraic[0, i, i], converged[0, i, i] = 1e-3 * error[0, i, i], 1.0
+    algebraic[0, i, i] = 1e-3 * error[0, i, i]
+    converged[0, i, i] = 1.0
     run = ("case", "mesh", "partition")
     found = xr.Dataset(
         {
@@ -62,7 +65,7 @@ def table(power=1.0, **changes):
 
 
 def judged(found, norm="h1", expected=H1):
-    return judge(found, "made_up", norm, 0.5, expected)
+    return judge_errors(found, "made_up", norm, 0.5, expected)
 
 
 def changed(**fields):
@@ -111,7 +114,7 @@ def test_the_verdict(found, expected, verdict, reason):
     """With its reasons, and without any where there are none: what rests on bad runs is not judged."""
     judgement = judged(found, expected=expected)
     assert judgement.verdict == verdict
-    assert any(reason in why for why in judgement.why) if reason else judgement.why == ()
+    assert any(reason in why for why in judgement.reasons) if reason else judgement.reasons == ()
 
 
 def test_where_nothing_is_judged_no_level_counts():
@@ -128,7 +131,7 @@ def test_a_coarse_partition_is_not_asymptotic_either():
     found = table()
     found["H"] = 2 * found["H"]
     found["h_over_H"] = found["h_over_H"] / 2
-    judgement = judge(found, "made_up", "h1", 0.25, changed(start=1 / 8))
+    judgement = judge_errors(found, "made_up", "h1", 0.25, changed(start=1 / 8))
     assert list(judgement.asymptotic) == [False, True, True, True, True]
 
 
@@ -177,7 +180,8 @@ def test_an_error_that_vanishes_leaves_no_fit():
 def test_the_algebraic_share_is_taken_in_the_norm_that_is_judged(norm, factor):
     """A bound in ||.||_{-1/2,h} is worth 1/beta as much in H^{-1/2}, lambda_min^{-1/2} as much in L2."""
     found = table(1.0)
-    found["lambda_min"][:], found["beta_lower"][:] = 1e-4, 0.05
+    found["lambda_min"][:] = 1e-4
+    found["beta_lower"][:] = 0.05
     found["algebraic_bound"] *= 10 * factor * 0.99
     assert judged(found, norm).verdict == "holds"
     found["algebraic_bound"] *= 1.02
@@ -193,18 +197,18 @@ def test_an_exact_zero_is_one_of_the_upper_bound_relative_to_u():
 
 @pytest.mark.parametrize("rate", [1.0, "exact"])
 def test_no_run_at_a_ratio_fails(rate):
-    assert judge(table(), "made_up", "h1", 1 / 3, changed(rate=rate)).verdict == "fails"
+    assert judge_errors(table(), "made_up", "h1", 1 / 3, changed(rate=rate)).verdict == "fails"
 
 
 def test_the_collected_table_tells_what_was_judged():
-    found = collect(
+    found = tabulate_judgements(
         {("made_up", "h1", 0.5): judged(table(0.9)), ("made_up", "h1", 0.25): judged(table())}, 0.5
     )
     row = found.sel(case="made_up", norm="h1")
     assert row["verdict"].sel(h_over_H=0.5).item() == "fails"
     assert row["verdict"].sel(h_over_H=0.25).item() == "not judged"
     assert smallest_rate(row.sel(h_over_H=0.5)) == pytest.approx(0.9)
-    assert "is below 0.970" in summary(found, 0.5)
+    assert "is below 0.970" in summarise_rates(found, 0.5)
 
 
 def test_the_collected_table_has_what_was_observed_and_expected():
@@ -212,7 +216,7 @@ def test_the_collected_table_has_what_was_observed_and_expected():
     few = judged(table(0.5), expected=changed(proved=0.5, rate=0.75, factor=4))
     exact = judged(table(), expected=changed(rate="exact"))
     ratios = {0.5: few, 0.25: judged(table(1.5)), 1.0: exact}
-    found = collect({("made_up", "h1", ratio): of for ratio, of in ratios.items()}, 0.25)
+    found = tabulate_judgements({("made_up", "h1", ratio): of for ratio, of in ratios.items()}, 0.25)
     row = found.sel(case="made_up", norm="h1")
     np.testing.assert_allclose(row["finest_error"], 3 * LEVELS[-1] ** np.array([1.5, 0.5, 1]), rtol=1e-12)
     np.testing.assert_allclose(row["fitted"], [1.5, 0.5, np.nan], rtol=1e-12)
@@ -249,14 +253,14 @@ def test_what_is_expected_is_as_declared():
     general["ritz_bound"] = {"reference": "y", "factor": 4, "power_of_H": "-1/2"}
     levels = {"l2": {"from": "1/8", "factor": 4}, "h1": {"from": "1/16"}}
     expected = Expectation(0.5, 0.75, 0.1, 1 / 8, 4, "x", 0.25, 3, 0.01, 1 / 3)
-    assert Expectation.of(study, "made_up", "l2", levels) == expected
+    assert Expectation.read(study, "made_up", "l2", levels) == expected
     expected = Expectation(0.5, "exact", 0.1, 1 / 16, 2, "x", 0, 3, 0.01, 1 / 3)
-    assert Expectation.of(study, "made_up", "h1", levels) == expected
+    assert Expectation.read(study, "made_up", "h1", levels) == expected
     study["cases"]["made_up"]["l2"]["judged_by"] = "ritz_bound"
     expected = Expectation(0.5, 0.75, 0.1, 1 / 8, 4, "y", -0.5, 4, 0.01, 1 / 3)
-    assert Expectation.of(study, "made_up", "l2", levels) == expected
+    assert Expectation.read(study, "made_up", "l2", levels) == expected
 
 
 def test_a_case_without_expected_rates_is_named():
     with sentences.raises(InputError):
-        Expectation.of({"cases": {}, "norms": {}}, "made_up", "h1", {})
+        Expectation.read({"cases": {}, "norms": {}}, "made_up", "h1", {})

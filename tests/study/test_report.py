@@ -140,7 +140,7 @@ def test_what_a_page_of_provenance_tells(tmp_path):
     sizes = {"solve": (1_500_000, 500_000), "rates": (2_000,)}
     files = [{"rule": rule, "bytes": size} for rule, all_of in sizes.items() for size in all_of]
     manifest = {"versions": {"numpy": "2.0"}, "parameters": "abc", "files": files}
-    told = pages.provenance(manifest, [str(parameters)])
+    told = pages.provenance_blocks(manifest, [str(parameters)])
     rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in told["files"].splitlines()]
     assert rows[2:] == [["solve", "2", "2"], ["rates", "1", "0.002"]]
     assert "| numpy" in told["versions"]

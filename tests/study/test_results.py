@@ -15,14 +15,14 @@ from conftest import RESULTS, ROOT, config, stored
 from study import rates
 from study.ledger import claims, listing
 from study.ledger.results import Results
-from study.scenes import is_clamped
+from study.scenes import has_clamped_sides
 from study.tables import VARIABLES
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.problems import case
 
 EXPECTED = config("rates")["rates"]
 SCENES = {name: scene for name, scene in config("study")["scenes"].items() if scene.get("judged", True)}
-RATIO = real(EXPECTED["judged_ratio"], "study")
+RATIO = parse_real(EXPECTED["judged_ratio"], "study")
 
 
 @pytest.fixture(params=SCENES)
@@ -50,11 +50,11 @@ def runs(table, name):
 
 
 def judged(table, name, norm):
-    expected = rates.Expectation.of(EXPECTED, name, norm, case.declared(name)[0]["asymptotic"])
-    return rates.judge(table, name, norm, RATIO, expected)
+    expected = rates.Expectation.read(EXPECTED, name, norm, case.read_case_declaration(name)[0]["asymptotic"])
+    return rates.judge_errors(table, name, norm, RATIO, expected)
 
 
-@pytest.mark.parametrize("norm", rates.NORMS)
+@pytest.mark.parametrize("norm", rates.ERROR_NORMS)
 @pytest.mark.parametrize(("scene", "name"), [(s, c) for s in SCENES for c in SCENES[s]["cases"]])
 def test_rate(scene, name, norm):
     """Every asymptotic pair reaches the expected rate, and the finest error its bound."""
@@ -80,15 +80,18 @@ def test_a_multiplier_at_a_wide_angle_misses_the_bound_of_quasi_optimality(norm)
     assert rates_there["judged_by"] == "ritz_bound"
     usual = {name: value for name, value in rates_there.items() if name != "judged_by"}
     study = EXPECTED | {"cases": {"obtuse_0.9": {norm: usual}}}
-    expected = rates.Expectation.of(study, "obtuse_0.9", norm, case.declared("obtuse_0.9")[0]["asymptotic"])
-    found = rates.judge(stored("obtuse/errors"), "obtuse_0.9", norm, RATIO, expected)
-    assert [reason for reason in found.why if "is above its bound" in reason] == list(found.why) != []
+    expected = rates.Expectation.read(
+        study, "obtuse_0.9", norm, case.read_case_declaration("obtuse_0.9")[0]["asymptotic"]
+    )
+    found = rates.judge_errors(stored("obtuse/errors"), "obtuse_0.9", norm, RATIO, expected)
+    assert [reason for reason in found.reasons if "is above its bound" in reason] == list(found.reasons) != []
 
 
-@pytest.mark.parametrize("norm", rates.NORMS)
+@pytest.mark.parametrize("norm", rates.ERROR_NORMS)
 def test_a_spoilt_table_is_refused(norm):
     """Control: errors of the finest level 10 % larger, and one run marked as not converged."""
-    worse, unconverged = (stored("square/errors").copy(deep=True) for _ in range(2))
+    worse = stored("square/errors").copy(deep=True)
+    unconverged = stored("square/errors").copy(deep=True)
     for name in ("hm12_error_lower", "hm12_error_upper") if norm == "hm12" else (f"{norm}_error",):
         worse[name][{"mesh": -1}] *= 1.1 if norm == "h1" else 1.3
     assert judged(worse, "natural", norm).verdict == "fails"
@@ -101,12 +104,13 @@ def test_the_table_is_complete(scene, errors):
     declared = SCENES[scene]
     assert list(errors["case"].values) == declared["cases"]
     assert errors.sizes["mesh"] == declared["mesh"]["levels"]
-    np.testing.assert_allclose(errors["H"], [real(H, "study") for H in declared["H"]], rtol=1e-14)
-    limits, H_over_h = declared["H_over_h"], 1 / errors["h_over_H"].values
-    inside = H_over_h >= real(limits["min"], "study") * (1 - 1e-12)
+    np.testing.assert_allclose(errors["H"], [parse_real(H, "study") for H in declared["H"]], rtol=1e-14)
+    limits = declared["H_over_h"]
+    H_over_h = 1 / errors["h_over_H"].values
+    inside = H_over_h >= parse_real(limits["min"], "study") * (1 - 1e-12)
     if "max" in limits:
-        inside &= H_over_h <= real(limits["max"], "study") * (1 + 1e-12)
-    balance = [] if is_clamped(declared["cases"][0]) else ["balance"]
+        inside &= H_over_h <= parse_real(limits["max"], "study") * (1 + 1e-12)
+    balance = [] if has_clamped_sides(declared["cases"][0]) else ["balance"]
     for name in ("h1_error", "algebraic_bound", "converged", "operator_applications", "algorithm", *balance):
         values = errors[name].transpose("mesh", "partition", "case").values
         known = values != "" if name == "algorithm" else np.isfinite(values)
@@ -156,7 +160,7 @@ def test_the_global_balance_of_every_run(errors):
 
     Beside clamped sides there is no such v.
     """
-    if is_clamped(errors["case"].values[0]):
+    if has_clamped_sides(errors["case"].values[0]):
         assert errors["balance"].isnull().all()
         return
     scale = np.maximum(1, errors["u_norm"].max("mesh"))
@@ -167,17 +171,17 @@ ELSEWHERE = [
     (name, scene)
     for name in ("4.6", "F.norm", "F.share")
     for scene in SCENES
-    if scene not in claims.find(name).parameters["scenes"]
+    if scene not in claims.find_claim(name).parameters["scenes"]
 ]
 
 
 @pytest.mark.parametrize(("name", "elsewhere"), ELSEWHERE)
 def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, elsewhere):
     """By the claim's own check, with its own number; the ledger's controls are those of the check."""
-    claim = claims.find(name)
+    claim = claims.find_claim(name)
     claim = replace(claim, parameters={**claim.parameters, "scenes": [elsewhere]})
-    judgement = claims.judge(Results(RESULTS), [claim])[0]
-    assert judgement.holds, "\n" + listing.explanation(judgement)
+    judgement = claims.judge_all(Results(RESULTS), [claim])[0]
+    assert judgement.holds, "\n" + listing.explain_claim(judgement)
 
 
 def test_the_exact_split_of_smooth_runs(errors):
@@ -203,8 +207,10 @@ def test_an_upper_bound_a_thousandth_lower_would_be_below_it():
 def test_beta_is_known_to_half_a_percent_at_most_1_and_does_not_fall_on_refinement(scene, errors):
     """It is 0 from h = H on. V_h is contained in its refinement; each beta is known between bounds only."""
     table = stored(f"{scene}/infsup")
-    lower, upper = table["beta_lower"].values, table["beta_upper"].values
-    known, positive = np.isfinite(lower), upper > 0
+    lower = table["beta_lower"].values
+    upper = table["beta_upper"].values
+    known = np.isfinite(lower)
+    positive = upper > 0
     assert known.any()
     assert np.all((lower <= upper) & (upper <= 1) | ~known)
     assert np.all(upper[known & positive] <= 1.005 * lower[known & positive])
@@ -214,7 +220,8 @@ def test_beta_is_known_to_half_a_percent_at_most_1_and_does_not_fall_on_refineme
 
 def test_the_discrete_norm_is_a_part_of_the_true_one(scene):
     """Their ratio is at most 1, by bounds that do not know of V_h."""
-    lower, upper = (stored(f"{scene}/infsup")[f"norm_ratio_{bound}"].values for bound in ("lower", "upper"))
+    lower = stored(f"{scene}/infsup")["norm_ratio_lower"].values
+    upper = stored(f"{scene}/infsup")["norm_ratio_upper"].values
     known = np.isfinite(lower)
     assert np.all((lower <= upper)[known])
     assert np.all(lower[known] <= 1)

@@ -31,7 +31,7 @@ def read_with(path: Path, content: bytes) -> Mesh | None:
     """The mesh of a file with this content, or None if it is refused."""
     path.write_bytes(content)
     try:
-        return scenes.stored_mesh(str(path), SCENE)
+        return scenes.read_coarsest_mesh(str(path), SCENE)
     except StorageError:
         return None
 
@@ -39,13 +39,15 @@ def read_with(path: Path, content: bytes) -> Mesh | None:
 def test_cases_with_different_forms_are_no_scene() -> None:
     scene = {"polygon": "square", "side": 0, "cases": ["natural", "clamped"]}
     with sentences.raises(InputError):
-        scenes.cases(scene)
-    assert [case.name for case in scenes.cases(scene | {"cases": ["clamped"]})] == ["clamped"]
+        scenes.load_cases(scene)
+    assert [case.name for case in scenes.load_cases(scene | {"cases": ["clamped"]})] == ["clamped"]
 
 
 def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:
     """300 bits and 50 lengths: zlib has a checksum of what it compresses, Adler-32; the rest is XML."""
-    whole, rng, refused = stored.read_bytes(), np.random.default_rng(1), 0
+    whole = stored.read_bytes()
+    rng = np.random.default_rng(1)
+    refused = 0
     for bit in rng.integers(8 * len(whole), size=300):
         damaged = bytearray(whole)
         damaged[bit // 8] ^= 1 << bit % 8
@@ -60,7 +62,8 @@ def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:
 def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(stored: Path) -> None:
     """Control: one of the digits of a node inside."""
     meshio.read(stored).write(stored, binary=False)
-    right, content = scenes.stored_mesh(str(stored), SCENE), stored.read_text(encoding="utf-8")
+    right = scenes.read_coarsest_mesh(str(stored), SCENE)
+    content = stored.read_text(encoding="utf-8")
     inside = next(x for x in right.points[:, 0] if 0.1 < x < 0.9 and x not in (0.25, 0.5, 0.75))
     place = content.index(f"{inside:.15e}"[:8]) + 7
     damaged = bytearray(content.encode())
@@ -84,4 +87,4 @@ def test_lambda_has_a_norm_on_partitions_coarser_than_the_finest_mesh_and_within
 ) -> None:
     """2.1 is no more than 3 times 0.7, but it is in floating point."""
     scene = {"H": H, "mesh": {"h": h, "levels": levels}, "H_over_h": limits}
-    assert scenes.normed(scene) == expected
+    assert scenes.dual_norm_partitions(scene) == expected

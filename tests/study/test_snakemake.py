@@ -132,7 +132,7 @@ def test_one_command_makes_a_damaged_file_anew(tree, dry_run):
     assert jobs_of_scenes(out + err) == {scene: [RULES[name]] for scene, name in DAMAGED.items()}
     for scene, name in DAMAGED.items():
         with sentences.raises(StorageError, name):
-            tables.load(folders[scene] / name)
+            tables.load_table(folders[scene] / name)
     shutil.rmtree(tree / "results")
 
 

@@ -10,27 +10,28 @@ from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
 from study.stability_constants import (
-    cellwise,
-    certified_cellwise,
-    least_pairing_constant,
-    of_runs,
-    pairing,
+    cellwise_constant,
+    cellwise_lower_bound,
+    lemma_quotients,
     pairing_constant,
+    pairing_constant_bound,
+    pairing_matrix,
 )
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.infsup import infsup
-from unilateral.norms.resolution import inner_nodes
+from unilateral.geometry.polygon import find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.infsup import infsup_constants
+from unilateral.norms.resolution import innermost_nodes
 
 
 def between(s, nodes, period):
     """(nb, m) values at arc lengths s of the hats of the nodes, linear and periodic."""
-    hats, places = np.eye(len(nodes)), np.concatenate([nodes - period, nodes, nodes + period])
+    hats = np.eye(len(nodes))
+    places = np.concatenate([nodes - period, nodes, nodes + period])
     return np.array([np.interp(s, places, np.tile(hat, 3)) for hat in hats]).T
 
 
@@ -40,23 +41,24 @@ def test_the_pairing_is_that_of_traces_of_V_h(seed):
 
     Up to rounding, for between two kept nodes a hat is linear: it is a trace of V_h.
     """
-    rng, polygon = np.random.default_rng(seed), [square(), named("lshape")][seed % 2]
+    rng = np.random.default_rng(seed)
+    polygon = [square(), find_polygon("lshape")][seed % 2]
     points = np.union1d(polygon.starts, rng.uniform(0, polygon.perimeter, 9))
     cells = partitions.from_points(polygon, points)
     inside = cells.points[:-1] + rng.uniform(0.1, 0.9, (3, cells.n_cells)) * cells.lengths
     s = np.unique([*polygon.starts, *inside.ravel(), *(cells.points[1:4] if seed < 2 else [])])[:-1]
-    mesh = meshes.with_boundary(polygon, s)
-    nodes = inner_nodes(mesh.s, cells)[0]
+    mesh = meshes.triangulate_from_boundary(polygon, s)
+    nodes = innermost_nodes(mesh.s, cells)[0]
     B = coupling(mesh, cells) @ between(mesh.s[:-1], nodes, polygon.perimeter)
-    assert_allclose(pairing(nodes, cells), B / cells.lengths[:, None], rtol=0, atol=1e-13)
+    assert_allclose(pairing_matrix(nodes, cells), B / cells.lengths[:, None], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("delta", [0.5, 0.3, 0.01])
 def test_on_equal_cells_alternating_values_are_the_worst(delta):
     """M is circulant, 1 - r - l, r = (1 - delta)^2/2, l = delta^2/2; |its symbol| is least at -1."""
-    cells = partitions.uniform(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 4)
     nodes = cells.points[:-1] + delta * cells.lengths
-    M = pairing(nodes, cells)
+    M = pairing_matrix(nodes, cells)
     assert_allclose(M.sum(axis=1), 1, rtol=1e-14)
     assert_allclose(M[0, [0, 1, -1]], [0.5 + delta - delta**2, (1 - delta) ** 2 / 2, delta**2 / 2])
     found = pairing_constant(np.append(nodes, 4.0), cells)
@@ -66,41 +68,48 @@ def test_on_equal_cells_alternating_values_are_the_worst(delta):
 @pytest.mark.parametrize("ratio", [1, 30, 1e6])
 def test_the_bound_of_the_proof_holds_for_random_cells_and_nodes(ratio):
     """By (6), whatever the lengths of the cells."""
-    rng, sides = np.random.default_rng(int(ratio)), square().starts
+    rng = np.random.default_rng(int(ratio))
+    sides = square().starts
     for _ in range(100):
         of_side = ratio ** rng.random((4, 3))
         ends = sides[:-1, None] + np.cumsum(of_side, axis=1) / of_side.sum(axis=1)[:, None]
         cells = partitions.from_points(square(), np.append(0.0, ends.ravel()))
         delta = rng.uniform(0.01, 0.5)
         nodes = cells.points[:-1] + rng.uniform(delta, 1 - delta, 12) * cells.lengths
-        delta = inner_nodes(np.append(nodes, 4.0), cells)[1].min()
+        delta = innermost_nodes(np.append(nodes, 4.0), cells)[1].min()
         found = pairing_constant(np.append(nodes, 4.0), cells)
-        assert found >= least_pairing_constant(delta) == pytest.approx(delta / 4, rel=1e-14)
+        assert found >= pairing_constant_bound(delta) == pytest.approx(delta / 4, rel=1e-14)
 
 
 def test_no_bound_holds_that_is_eight_times_as_large():
     """Control: on equal cells the constant is 2 delta (1 - delta)."""
-    cells = partitions.uniform(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 4)
     nodes = cells.points[:-1] + 0.01 * cells.lengths
-    assert pairing_constant(np.append(nodes, 4.0), cells) < 8 * least_pairing_constant(0.01)
+    assert pairing_constant(np.append(nodes, 4.0), cells) < 8 * pairing_constant_bound(0.01)
 
 
 def test_there_is_no_pairing_where_a_cell_has_no_node_inside():
     """A node at an end, up to round-off, is not inside."""
-    cells = partitions.uniform(square(), 1 / 2)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
     s = np.append(cells.points[:-1] + 0.25, 4.0)
     s[2] = cells.points[2] + 1e-12
-    nodes, deltas = inner_nodes(s, cells)
+    nodes, deltas = innermost_nodes(s, cells)
     assert (nodes[2], deltas[2]) == (cells.points[2], 0)
     assert np.isnan(pairing_constant(s, cells))
 
 
 PAIRS = {
-    "two edges": lambda: (structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)),
-    "staggered": lambda: (structured(square(), 1 / 12), partitions.shifted(square(), 1 / 8, 0.3)),
+    "two edges": lambda: (
+        make_structured_mesh(square(), 1 / 8),
+        partitions.make_uniform_partition(square(), 1 / 4),
+    ),
+    "staggered": lambda: (
+        make_structured_mesh(square(), 1 / 12),
+        partitions.make_shifted_partition(square(), 1 / 8, 0.3),
+    ),
     "re-entrant": lambda: (
-        meshes.unstructured(named("lshape"), 0.2),
-        partitions.uniform(named("lshape"), 0.4),
+        meshes.make_unstructured_mesh(find_polygon("lshape"), 0.2),
+        partitions.make_uniform_partition(find_polygon("lshape"), 0.4),
     ),
 }
 
@@ -109,29 +118,35 @@ PAIRS = {
 def test_the_certified_constant_lies_below_the_one_by_solving_and_within_a_half(name):
     """Below: by the proof. Control: without the energy, as sigma alone, it would not."""
     mesh, cells = PAIRS[name]()
-    solved = cellwise(mixed_spaces(condense(mesh), cells).operator)
-    found = certified_cellwise(mesh, cells)
+    solved = cellwise_constant(mixed_spaces(condense(mesh), cells).operator)
+    found = cellwise_lower_bound(mesh, cells)
     assert solved / 2 < found <= solved < pairing_constant(mesh.s, cells)
 
 
 def test_nothing_is_certified_where_a_cell_has_no_node_inside():
-    assert certified_cellwise(structured(square(), 1 / 4), partitions.uniform(square(), 1 / 4)) == 0
+    assert (
+        cellwise_lower_bound(
+            make_structured_mesh(square(), 1 / 4), partitions.make_uniform_partition(square(), 1 / 4)
+        )
+        == 0
+    )
 
 
 def test_the_cellwise_constant_against_a_generalised_eigenvalue():
     """(sum_i H_i^2 mu_i^2)^{1/2} for H^{1/2} ||mu||_0; on equal cells it is beta_0."""
-    cells = partitions.shifted(square(), 1 / 4, 0.6)
-    op = mixed_spaces(condense(structured(square(), 1 / 18)), cells).operator
+    cells = partitions.make_shifted_partition(square(), 1 / 4, 0.6)
+    op = mixed_spaces(condense(make_structured_mesh(square(), 1 / 18)), cells).operator
     expected = sqrt(eigh(op.D, np.diag(op.H_i**2), eigvals_only=True)[0])
-    assert cellwise(op) == pytest.approx(expected, rel=1e-10)
-    assert cellwise(op) > 1.1 * infsup(op, gram(cells)).beta_0
+    assert cellwise_constant(op) == pytest.approx(expected, rel=1e-10)
+    assert cellwise_constant(op) > 1.1 * infsup_constants(op, gram(cells)).beta_0
     op, form = on("square", 8, 4)
-    assert cellwise(op) == pytest.approx(infsup(op, form).beta_0, rel=1e-10)
+    assert cellwise_constant(op) == pytest.approx(infsup_constants(op, form).beta_0, rel=1e-10)
 
 
 def runs(hm12, h1_error, beta=(0.5, 0.5)):
     """A table of one run with the bounds hm12, of which 0.9 is the discrete norm, and the distance 0.1."""
-    grid, run = ("mesh", "partition"), ("case", "mesh", "partition")
+    grid = ("mesh", "partition")
+    run = ("case", "mesh", "partition")
     values = {"hm12_error_lower": hm12[0], "hm12_error_upper": hm12[1], "h1_error": h1_error}
     values |= {"discrete_error": 0.9, "hm12_best": 0.1}
     of_pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}
@@ -142,16 +157,16 @@ def runs(hm12, h1_error, beta=(0.5, 0.5)):
 
 def test_the_ratios_of_a_run_by_hand():
     """Every factor on its unfavourable side: the largest error over the smallest right side of (4.6)."""
-    found = of_runs(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
+    found = lemma_quotients(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
     assert_allclose(found["norm_ratio_lower"], 0.9 / 1.2)
     assert_allclose(found["norm_ratio_upper"], 0.9 / 1.0)
     assert_allclose(found["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
     assert float(found["lemma_4_3"]) > 1  # a run against the lemma would show
-    assert float(of_runs(runs((1.0, 1.2), 0.2, (0.1, 0.1)))["lemma_4_3"].squeeze()) < 1
+    assert float(lemma_quotients(runs((1.0, 1.2), 0.2, (0.1, 0.1)))["lemma_4_3"].squeeze()) < 1
 
 
 @pytest.mark.parametrize("table", [runs((1, 1.2), 0.2, (0, 0)), runs((0, 1e-13), 0.2)], ids=["beta", "error"])
 def test_without_a_beta_or_an_error_there_is_no_ratio(table):
-    found = of_runs(table)
+    found = lemma_quotients(table)
     for name in ("norm_ratio_lower", "norm_ratio_upper", "lemma_4_3"):
         assert np.isnan(found[name]).all()

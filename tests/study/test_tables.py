@@ -37,7 +37,7 @@ def level(h, case="made_up", error=0.25, known=(0.5, 0.25)):
 
 @pytest.fixture
 def stored(tmp_path):
-    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
+    tables.save_table(level(0.5), tmp_path / "errors.nc", "scene")
     return tmp_path / "errors.nc"
 
 
@@ -47,14 +47,16 @@ def digest(path):
 
 def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
     written = level(0.125)
-    tables.save(written, tmp_path / "errors.nc", "made_up_scene")
-    read = tables.load(tmp_path / "errors.nc")
+    tables.save_table(written, tmp_path / "errors.nc", "made_up_scene")
+    read = tables.load_table(tmp_path / "errors.nc")
     xr.testing.assert_equal(read, written)
     assert read.attrs["scene"] == "made_up_scene"
     assert read.attrs["unilateral"] == unilateral.__version__
     assert read.attrs["python"] == ".".join(map(str, sys.version_info[:3]))
     assert read.attrs["source"] == tables.SOURCE
-    assert [entry.split()[0] for entry in read.attrs["libraries"].split(", ")] == list(tables.LIBRARIES)
+    assert [entry.split()[0] for entry in read.attrs["libraries"].split(", ")] == list(
+        tables.STAMPED_LIBRARIES
+    )
     for name in read.variables:
         described = [read[name].attrs.get(key) for key in ("long_name", "units", "equation")]
         assert described == (tables.VARIABLES[name] if name != "case" else [None] * 3)
@@ -64,10 +66,11 @@ def test_a_table_tells_its_parameters_in_one_order(tmp_path):
     """As JSON, whatever the order in which they are given; without any it says so."""
     given = [{"scene": {"h": "1/8", "judged": True}, "stop": 0.01}, None]
     given.append({"stop": 0.01, "scene": {"judged": True, "h": "1/8"}})
-    told, sums = [], []
+    told = []
+    sums = []
     for parameters in given:
-        tables.save(level(0.5), tmp_path / "errors.nc", "scene", parameters)
-        told.append(json.loads(tables.load(tmp_path / "errors.nc").attrs["parameters"]))
+        tables.save_table(level(0.5), tmp_path / "errors.nc", "scene", parameters)
+        told.append(json.loads(tables.load_table(tmp_path / "errors.nc").attrs["parameters"]))
         sums.append(digest(tmp_path / "errors.nc"))
     assert told == [given[0], {}, given[0]]
     assert sums[0] == sums[2] != sums[1]
@@ -76,7 +79,7 @@ def test_a_table_tells_its_parameters_in_one_order(tmp_path):
 def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):
     """CF-1.11: 2.6.1 and 2.6.2 name three attributes, 2.5.1 no missing coordinates, 3.1 units of UDUNITS."""
     whole = level(0.125).assign(unknowns=("mesh", [9])).assign_coords(mesh=[0])
-    tables.save(whole, tmp_path / "errors.nc", "scene")
+    tables.save_table(whole, tmp_path / "errors.nc", "scene")
     with netCDF4.Dataset(tmp_path / "errors.nc") as file:
         assert file.Conventions == "CF-1.11"
         assert (file.title, file.history) == (
@@ -92,7 +95,7 @@ def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):
 
 def test_saving_leaves_the_table_as_it_is(tmp_path):
     table = level(0.125)
-    tables.save(table, tmp_path / "errors.nc", "scene")
+    tables.save_table(table, tmp_path / "errors.nc", "scene")
     assert table.attrs == {}
     assert table["h"].attrs == table["h1_error"].attrs == {}
 
@@ -102,13 +105,13 @@ def test_two_files_of_one_table_are_byte_identical(tmp_path):
     files = [tmp_path / study / "scene/errors.nc" for study in ("one", "two", "other")]
     for file, error in zip(files, (0.25, 0.25, np.nextafter(0.25, 1)), strict=True):
         file.parent.mkdir(parents=True)
-        tables.save(level(0.125, error=error), file, "scene")
+        tables.save_table(level(0.125, error=error), file, "scene")
     assert digest(files[0]) == digest(files[1]) != digest(files[2])
 
 
 def test_loading_what_is_not_there():
     with sentences.raises(InputError):
-        tables.load("results/none.nc")
+        tables.load_table("results/none.nc")
 
 
 @pytest.mark.parametrize("content", [b"", b"h\n1\n", b"\x89HDF\r\n\x1a\n"], ids=["empty", "text", "cut"])
@@ -116,48 +119,53 @@ def test_loading_what_is_no_table(tmp_path, content):
     path = tmp_path / "errors.nc"
     path.write_bytes(content)
     with sentences.raises(StorageError):
-        tables.load(path)
+        tables.load_table(path)
     with sentences.raises(StorageError):
-        tables.load(tmp_path)
+        tables.load_table(tmp_path)
 
 
 def test_a_table_of_another_hand_is_refused(tmp_path):
     """Control: what is wrong with it is the missing checksum alone."""
     level(0.5).to_netcdf(tmp_path / "errors.nc", engine="netcdf4")
     with sentences.raises(StorageError):
-        tables.load(tmp_path / "errors.nc")
+        tables.load_table(tmp_path / "errors.nc")
 
 
 def test_other_readers_pass_over_the_checksum(stored):
     """The last line, as `sha256sum` gives it for all before it."""
     content, _, seal = stored.read_bytes()[:-1].rpartition(b"\n")
     assert seal == b"sha256 " + hashlib.sha256(content).hexdigest().encode()
-    xr.testing.assert_identical(xr.load_dataset(stored), tables.load(stored))
+    xr.testing.assert_identical(xr.load_dataset(stored), tables.load_table(stored))
     with netCDF4.Dataset(stored) as other:
         assert other["h1_error"][0, 0, 0] == 0.25
 
 
 def test_no_flipped_bit_and_no_cut_goes_unnoticed(stored):
     """200 bits drawn from all of the file, each bit of its last line, and 50 lengths."""
-    whole, rng = stored.read_bytes(), np.random.default_rng(1)
-    bits = [*rng.integers(8 * len(whole), size=200), *range(8 * (len(whole) - tables.SEAL), 8 * len(whole))]
+    whole = stored.read_bytes()
+    rng = np.random.default_rng(1)
+    bits = [
+        *rng.integers(8 * len(whole), size=200),
+        *range(8 * (len(whole) - tables.SEAL_BYTES), 8 * len(whole)),
+    ]
     for bit in bits:
         damaged = bytearray(whole)
         damaged[bit // 8] ^= 1 << bit % 8
         stored.write_bytes(damaged)
         with pytest.raises(StorageError, match="is damaged"):
-            tables.load(stored)
+            tables.load_table(stored)
     for length in [*rng.integers(len(whole), size=49), len(whole) - 1]:
         stored.write_bytes(whole[:length])
         with pytest.raises(StorageError, match="is damaged"):
-            tables.load(stored)
+            tables.load_table(stored)
     stored.write_bytes(whole)
-    assert tables.load(stored)["h1_error"][0, 0, 0] == 0.25
+    assert tables.load_table(stored)["h1_error"][0, 0, 0] == 0.25
 
 
 def test_a_flipped_bit_changes_a_value_where_nothing_checks(stored):
     """Control."""
-    whole, right = stored.read_bytes(), xr.load_dataset(stored)
+    whole = stored.read_bytes()
+    right = xr.load_dataset(stored)
     place = whole.index(np.array([0.25, np.nan]).tobytes())
     stored.write_bytes(whole[: place + 6] + bytes([whole[place + 6] ^ 16]) + whole[place + 7 :])
     assert not xr.load_dataset(stored).equals(right)
@@ -171,7 +179,7 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
         f"import sys, types, xarray; sys.path.append({str(SCRIPTS)!r}); from job import run\n"
         "from study import tables\n"
         "with run(types.SimpleNamespace(input=[], rule='', config={}, log=['/dev/null'])):\n"
-        f"    tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
+        f"    tables.save_table(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
     )
     command = [sys.executable, "-c", code]
     found = subprocess.run(command, capture_output=True, text=True, timeout=60)
@@ -190,14 +198,14 @@ def moved(tmp_path_factory):
     for name in PLACES:
         path = results / f"{name}.nc"
         path.parent.mkdir(parents=True, exist_ok=True)
-        tables.save(level(0.5), path, "scene")
+        tables.save_table(level(0.5), path, "scene")
     return results.rename(results.with_name("old"))
 
 
 @pytest.mark.parametrize("name", PLACES)
 def test_a_table_is_read_in_its_own_place_also_if_that_moved(moved, name):
     """Control of the next test."""
-    table = tables.load(moved / f"{name}.nc")
+    table = tables.load_table(moved / f"{name}.nc")
     assert (table.attrs["table"], table["h"]) == (name, 0.5)
 
 
@@ -209,15 +217,15 @@ def test_a_table_in_the_place_of_another_is_refused(moved, tmp_path, one, other)
     shutil.copy(moved / f"{one}.nc", path)
     said = f"{path} is the table '{one}', and '{other}' is expected; 'snakemake -j2 -f {path}' makes it anew"
     with pytest.raises(StorageError, match=re.escape(said)):
-        tables.load(path)
+        tables.load_table(path)
 
 
 def test_a_table_that_does_not_tell_its_place_is_refused(tmp_path, monkeypatch):
     """As the first versions of this project wrote it."""
-    monkeypatch.setattr(tables.table_origin, "stamp", lambda *_: {"parameters": "{}"})
-    tables.save(level(0.5), tmp_path / "errors.nc", "scene")
+    monkeypatch.setattr(tables.table_origin, "origin_attributes", lambda *_: {"parameters": "{}"})
+    tables.save_table(level(0.5), tmp_path / "errors.nc", "scene")
     with sentences.raises(StorageError):
-        tables.load(tmp_path / "errors.nc")
+        tables.load_table(tmp_path / "errors.nc")
 
 
 STUDY = {"scenes": {"square": {"H": ["1/8", "1/16"]}, "lshape": {}}}
@@ -226,8 +234,8 @@ STUDY = {"scenes": {"square": {"H": ["1/8", "1/16"]}, "lshape": {}}}
 @pytest.fixture
 def made(tmp_path):
     """A table that is made by a rule with the fields of a scene."""
-    with table_origin.made_by("solve"):
-        tables.save(
+    with table_origin.stamp_rule("solve"):
+        tables.save_table(
             level(0.5), tmp_path / "errors.nc", "square", {"scenes.square": STUDY["scenes"]["square"]}
         )
     return tmp_path / "errors.nc"
@@ -236,7 +244,7 @@ def made(tmp_path):
 @pytest.mark.parametrize("other", [{}, {"scenes": {**STUDY["scenes"], "lshape": {"H": ["1/8"]}}}])
 def test_a_table_that_was_made_with_what_there_is_now_is_read(made, other):
     """Control of the next tests. Fields of another scene do not matter."""
-    assert tables.load(made, STUDY | other)["h"] == 0.5
+    assert tables.load_table(made, STUDY | other)["h"] == 0.5
 
 
 OLDER = {
@@ -250,12 +258,12 @@ OLDER = {
 @pytest.mark.parametrize("change", OLDER)
 def test_a_table_that_was_made_with_other_parameters_is_refused(made, change):
     with sentences.raises(StorageError, str(made)):
-        tables.load(made, {"scenes": {"square": OLDER[change]}})
+        tables.load_table(made, {"scenes": {"square": OLDER[change]}})
 
 
 def test_levels_are_put_along_mesh():
     """What has no mesh dimension is kept once."""
-    table = tables.along_mesh([level(0.5), level(0.25, error=0.125)])
+    table = tables.join_levels([level(0.5), level(0.25, error=0.125)])
     assert table.sizes == {"case": 1, "mesh": 2, "partition": 2}
     assert table["h"].values.tolist() == [0.5, 0.25]
     assert table["h1_error"].values[0, :, 0].tolist() == [0.25, 0.125]
@@ -266,14 +274,14 @@ def test_levels_are_put_along_mesh():
 
 def test_what_no_mesh_changes_is_that_of_the_first_level_that_has_it():
     nan = np.nan
-    table = tables.along_mesh([level(0.5, known=(nan, nan)), level(0.25, known=(nan, 2)), level(0.1)])
+    table = tables.join_levels([level(0.5, known=(nan, nan)), level(0.25, known=(nan, 2)), level(0.1)])
     assert table["projection_error"].values.tolist() == [[0.5, 2]]
     assert table["h"].values.tolist() == [0.5, 0.25, 0.1]
 
 
 def test_levels_of_different_cases_are_refused():
     with pytest.raises(ValueError, match="case"):
-        tables.along_mesh([level(0.5), level(0.25, case="another")])
+        tables.join_levels([level(0.5), level(0.25, case="another")])
 
 
 def written_csv(path, **columns):

@@ -23,7 +23,7 @@ from study.ledger import claims
 
 WORKFLOW = ROOT / "workflow"
 SCRIPTS = sorted(file for file in (WORKFLOW / "scripts").glob("*.py") if file.stem != "job")
-STUDY, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
+STUDY, SOURCES = configuration.read_configuration(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
 configuration.check(STUDY, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
 
 
@@ -100,7 +100,7 @@ def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planne
     }
     assert len(computed) > 50
     assert computed <= set(targets)
-    assert {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads} <= computed
+    assert {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads} <= computed
 
 
 def field(path):
@@ -130,7 +130,7 @@ PARAMS = {
     "totals": {
         "scene": "scenes.{scene}",
         "levels": "totals.levels",
-        "wanted": "totals.scenes.{scene}",
+        "case_names": "totals.scenes.{scene}",
         "ratio": "rates.judged_ratio",
     },
     "floors": {"ratio": "rates.judged_ratio"},
@@ -228,7 +228,7 @@ def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):
 
 def test_the_ledger_is_judged_by_all_tables_that_its_claims_read(planned):
     (job,) = of_rules(planned, ["claims"])
-    wanted = {f"results/{name}.nc" for claim in claims.ledger() for name in claim.reads}
+    wanted = {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads}
     assert (set(job["named"]["tables"]), job["output"]) == (wanted, ["results/claims.json"])
 
 
@@ -308,7 +308,7 @@ def test_each_rule_has_its_script_its_code_and_a_log_of_its_name(planned):
 @cache
 def digest(rule):
     with contextlib.chdir(ROOT):
-        return code.digest(f"workflow/scripts/{rule}.py")
+        return code.digest_program(f"workflow/scripts/{rule}.py")
 
 
 def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned):
@@ -347,4 +347,4 @@ def test_no_absolute_path_in_the_workflow():
 def test_an_edited_document_is_filled_anew(planned):
     """It is an output, and so newer than what it is made from; but its rule is given its digest."""
     (job,) = of_rules(planned, ["documents"])
-    assert job["unnamed"] == [[marks.written(ROOT / name) for name in STUDY["documents"]]]
+    assert job["unnamed"] == [[marks.digest_prose(ROOT / name) for name in STUDY["documents"]]]

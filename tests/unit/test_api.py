@@ -18,11 +18,11 @@ from conftest import DATA, ROOT
 import unilateral as ul
 from unilateral.adaptive import forecast
 from unilateral.fem.p1 import energy_norm
-from unilateral.formulas.decimals import up
+from unilateral.formulas.decimals import format_up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
-from unilateral.solution.record import record
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.solution.record import make_solution_record
 from unilateral.solvers.stop import ALGORITHMS
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
@@ -45,7 +45,8 @@ def test_functions_give_the_solution_of_their_formulas():
         SQUARE, f=lambda x, y: x - 2, g=[lambda x, y: -x * y / 2, "-y/2", lambda x, y: -x / 2, 0]
     )
     stop = ul.Stop(tolerance=1e-10)
-    of_formulas, of_functions = (ul.solve(p, **SIZES, stop=stop) for p in (formulas, functions))
+    of_formulas = ul.solve(formulas, **SIZES, stop=stop)
+    of_functions = ul.solve(functions, **SIZES, stop=stop)
     np.testing.assert_allclose(of_functions.u, of_formulas.u, rtol=0, atol=1e-8)
     assert of_functions.errors is None
     assert of_functions.bounds.u == pytest.approx(of_formulas.bounds.u, rel=1e-6)
@@ -186,8 +187,8 @@ def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound(
     """By the bound that the solution has, rounded up; neither a reached one nor a plan is warned of."""
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve(ul.case("natural"), accuracy="1/1000", max_unknowns=100)
-    bound = up(s.bounds.u, ".4e")
-    share = up(s.certificate()["h1_relative_bound"], ".3g")
+    bound = format_up(s.bounds.u, ".4e")
+    share = format_up(s.certificate()["h1_relative_bound"], ".3g")
     why = "the accuracy 0.001 is not certified: out of budget (max_unknowns=100)"
     said = f"{why}; reached is {share} of ||u||_1, or {bound}"
     assert [str(each.message) for each in told] == [said]
@@ -217,7 +218,7 @@ def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
 
 def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
     """Nobody can give its h. Where each side has two edges it says to take larger cells, and that helps."""
-    write_mesh(structured(square(), 1), tmp_path / "own.vtu")
+    write_mesh(make_structured_mesh(square(), 1), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
     alone = r"two edges of the mesh or more, and side 0 is one; take ul\.mesh\(mesh, halvings=1\)$"
     with pytest.warns(ul.SolutionWarning, match=alone):
@@ -271,12 +272,12 @@ def test_a_tolerance_below_rounding_ends_soon_and_is_told(algorithm):
 @pytest.mark.parametrize("absolute", [False, True])
 def test_an_accuracy_within_reach_is_told_in_the_terms_of_the_one_that_was_missed(absolute, monkeypatch):
     """Relative ones as parts of the norm, absolute ones as errors; the one in reach is above that wanted."""
-    monkeypatch.setattr(forecast, "PLAN_UNKNOWNS", 400)
+    monkeypatch.setattr(forecast, "MIN_PLAN_UNKNOWNS", 400)
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve("natural", accuracy=1e-9, absolute=absolute)
-    reached = up(s.search.best.total, ".4e")
+    reached = format_up(s.search.best.total, ".4e")
     if not absolute:
-        reached = f"{up(s.certificate()['h1_relative_bound'], '.3g')} of ||u||_1, or {reached}"
+        reached = f"{format_up(s.certificate()['h1_relative_bound'], '.3g')} of ||u||_1, or {reached}"
     message = str(told[0].message)
     assert message.startswith("the accuracy 1e-09 is not certified: out of reach (")
     assert message.endswith(f"; reached is {reached}; an accuracy of {s.search.reach:g} is within reach")
@@ -335,7 +336,7 @@ def test_relative_bounds_are_parts_of_lower_bounds_of_the_norms():
     for sharp, of in ((False, s.bounds), (True, s.sharp_bounds)):
         size = energy_norm(s.mesh, s.u) - of.u
         assert of.u / size <= of.relative_u <= (1 + 1e-6) * of.u / size
-        assert of.relative_multiplier == record(s, of, None, sharp)["hm12_relative_bound"] > 0
+        assert of.relative_multiplier == make_solution_record(s, of, None, sharp)["hm12_relative_bound"] > 0
     exact = energy_norm(s.mesh, s.problem.exact.value_and_gradient(s.mesh.points)[0])
     assert s.errors.h1 / exact < s.bounds.relative_u
     nothing = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES).bounds
@@ -362,10 +363,11 @@ def test_a_mesh_of_one_s_own(tmp_path):
 
     What is unknown of these f and g is rounding, of which a mesh that was refined has more: some 1e-13.
     """
-    write_mesh(structured(square(), 1 / 8), tmp_path / "own.vtu")
+    write_mesh(make_structured_mesh(square(), 1 / 8), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
     problem = ul.Problem(mesh.polygon, f=-1, g="-x*y/2")
-    found, same = ul.solve(problem, H=1 / 4, mesh=mesh), ul.solve(problem, h=1 / 8, H=1 / 4)
+    found = ul.solve(problem, H=1 / 4, mesh=mesh)
+    same = ul.solve(problem, h=1 / 8, H=1 / 4)
     assert found.bounds.u == pytest.approx(same.bounds.u, rel=1e-6)
     assert found.bounds.multiplier == pytest.approx(same.bounds.multiplier, rel=1e-6)
     with sentences.raises(ul.InputError, "leave h out"):

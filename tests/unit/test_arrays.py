@@ -16,7 +16,7 @@ import sentences
 import xarray as xr
 
 import unilateral as ul
-from unilateral.arrays import floats, indices, nodal_values
+from unilateral.arrays import read_floats, read_indices, read_nodal_values
 
 SQUARE = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)], halvings=1)
 VALUES = np.linspace(-1, 1, SQUARE.n_nodes)
@@ -38,7 +38,8 @@ class Variable:
     def __array__(self, dtype=None, copy=None):
         return masked(VALUES)
 
-    shape, ndim = VALUES.shape, 1
+    shape = VALUES.shape
+    ndim = 1
 
 
 def matrix(rows):
@@ -67,8 +68,8 @@ TAKEN = {
 
 @pytest.mark.parametrize("given", TAKEN.values(), ids=TAKEN)
 def test_the_numbers_that_are_meant_are_taken(given):
-    np.testing.assert_array_equal(floats(given, "f"), VALUES)
-    np.testing.assert_array_equal(nodal_values(given, "f"), VALUES)
+    np.testing.assert_array_equal(read_floats(given, "f"), VALUES)
+    np.testing.assert_array_equal(read_nodal_values(given, "f"), VALUES)
 
 
 MASKED = "1 of 9 numbers are masked, the first at the place 4; give an array without masked numbers"
@@ -114,7 +115,7 @@ REFUSED = {
 @pytest.mark.parametrize(("given", "message"), REFUSED.values(), ids=REFUSED)
 def test_what_numpy_would_read_as_other_numbers_is_refused(given, message):
     wanted = "it has to be an array of real numbers"
-    for door in (floats, nodal_values, indices):
+    for door in (read_floats, read_nodal_values, read_indices):
         with pytest.raises(ul.InputError, match=re.escape(message)) as refused:
             door(given, "f", wanted)
         assert str(refused.value).startswith("f: ")
@@ -142,7 +143,7 @@ def test_labels_and_masks_are_refused_wherever_they_are():
 
 def refused(given):
     try:
-        floats(given, "f")
+        read_floats(given, "f")
     except ul.InputError:
         return True
     return False
@@ -150,14 +151,14 @@ def refused(given):
 
 def test_columns_are_x_and_y_in_this_order():
     table = pd.DataFrame({"x": [0.0, 1, 0], "y": [0.0, 0, 1]})
-    np.testing.assert_array_equal(floats(table, "points"), [(0, 0), (1, 0), (0, 1)])
+    np.testing.assert_array_equal(read_floats(table, "points"), [(0, 0), (1, 0), (0, 1)])
     with sentences.raises(ul.InputError):
-        floats(table[["y", "x"]], "points")
+        read_floats(table[["y", "x"]], "points")
 
 
 def test_missing_numbers_of_a_series_are_no_numbers():
     given = pd.Series([*range(N - 1), None], dtype="Int64")
-    assert np.isnan(floats(given, "f")[-1])
+    assert np.isnan(read_floats(given, "f")[-1])
     with sentences.raises(ul.InputError):
         ul.Problem(SQUARE, given, 0)
 
@@ -165,21 +166,21 @@ def test_missing_numbers_of_a_series_are_no_numbers():
 def test_values_at_nodes_are_no_integers():
     """A constant, too: np.full(n, 0) with 0.5 written into it is 0 everywhere."""
     for given in (np.full(N, -1), np.zeros(N, np.uint8), pd.Series(np.arange(N)), [1, 2]):
-        np.testing.assert_array_equal(floats(given, "points"), np.asarray(given))
+        np.testing.assert_array_equal(read_floats(given, "points"), np.asarray(given))
         with sentences.raises(ul.InputError):
-            nodal_values(given, "f")
-    assert nodal_values(3, "f") == 3
+            read_nodal_values(given, "f")
+    assert read_nodal_values(3, "f") == 3
 
 
 def test_numbers_of_python_are_taken():
-    assert floats([Fraction(1, 3), Decimal("0.5"), 2**70], "t").tolist() == [1 / 3, 0.5, 2.0**70]
+    assert read_floats([Fraction(1, 3), Decimal("0.5"), 2**70], "t").tolist() == [1 / 3, 0.5, 2.0**70]
 
 
 def test_the_numbers_of_nodes_are_whole():
-    np.testing.assert_array_equal(indices([[0.0, 2.0]], "triangles"), [[0, 2]])
+    np.testing.assert_array_equal(read_indices([[0.0, 2.0]], "triangles"), [[0, 2]])
     for given in ([0.5], [np.nan], [np.inf], [1e300]):
         with sentences.raises(ul.InputError):
-            indices(given, "triangles")
+            read_indices(given, "triangles")
 
 
 def test_what_is_given_is_not_changed_afterwards():
@@ -259,12 +260,16 @@ def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers()
     f = -3/4, the mean. Quadrature of the jump moves it by at most 3/2 times a column of triangles, h wide,
     times max w, where w <= 1 solves -lap w + w = 0 with w = 1 on the boundary.
     """
-    step, square = lambda x, y: 0 if x < 0.5 else -1.5, [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+    def step(x, y):
+        return 0 if x < 0.5 else -1.5
+
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
     h = 1 / 32
-    force, right = (
-        ul.solve(ul.Problem(square, f, 0), h=h, H=2 * h).forces().whole.value
-        for f in (np.vectorize(step, otypes=[float]), -0.75)
+    force = (
+        ul.solve(ul.Problem(square, np.vectorize(step, otypes=[float]), 0), h=h, H=2 * h).forces().whole.value
     )
+    right = ul.solve(ul.Problem(square, -0.75, 0), h=h, H=2 * h).forces().whole.value
     assert force == pytest.approx(right, abs=1.5 * h)
     assert abs(right * 2 / 3 - force) > 3 * 1.5 * h
     with sentences.raises(ul.InputError):

@@ -55,7 +55,8 @@ def test_a_rewrite_stores_what_the_tests_say_now(tmp_path, monkeypatch):
     recorder.stored = {
         "a.py": {"test_1[x]": ["old"], "test_1[y]": ["old"], "test_2": ["kept"], "test_3": ["lost"]}
     }
-    recorder.rewriting, recorder.temporary = True, str(tmp_path / "run")
+    recorder.rewriting = True
+    recorder.temporary = str(tmp_path / "run")
     assert recorder.lost() == [("a.py", "test_3")]
     recorder.begin("a.py::test_1[x]")
     recorder.check(f"{tmp_path}/run/test_0/u.csv: 0.123456789 at {tmp_path}/project/src")

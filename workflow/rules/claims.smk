@@ -4,7 +4,7 @@
 rule claims:
     input:
         sorted(map(str, Path().glob("src/study/experiments/*/claims.yaml"))),
-        tables=[f"results/{name}.nc" for name in claimed()],
+        tables=[f"results/{name}.nc" for name in claimed_tables()],
     output:
         claims="results/claims.json",
     log:

@@ -2,10 +2,10 @@ import re
 from functools import cache
 from pathlib import Path
 
-from study.code import digest
+from study.code import digest_program
 from study.documents import marks
-from study.ledger.entries import entries
-from study.scenes import normed
+from study.ledger.entries import read_entries
+from study.scenes import dual_norm_partitions
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
@@ -23,7 +23,7 @@ def code(script):
 
     So a change of that code reruns the rule's jobs, and an edit of docstrings or of other code does not.
     """
-    return lambda wildcards: digest(f"workflow/scripts/{script}.py")
+    return lambda wildcards: digest_program(f"workflow/scripts/{script}.py")
 
 
 def asked(mem_mb, minutes):
@@ -38,16 +38,19 @@ SOLVES = asked(2000, 15)
 TELLS = asked(1000, 5)
 
 
-def scene_of(wildcards):
+def declared_scene(wildcards):
+    """The fields of a rule's scene in the configuration."""
     return SCENES[wildcards.scene]
 
 
 def case_files(cases):
+    """The files that declare these cases."""
     return [f"manufactured/{case}.yaml" for case in cases]
 
 
-def cases_of(wildcards):
-    return case_files(scene_of(wildcards)["cases"])
+def scene_case_files(wildcards):
+    """The files of the cases of a rule's scene."""
+    return case_files(declared_scene(wildcards)["cases"])
 
 
 def cases_on_polygons(scenes):
@@ -58,7 +61,7 @@ def cases_on_polygons(scenes):
 @cache
 def has_norm(scene):
     """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
-    return bool(normed(SCENES[scene]))
+    return bool(dual_norm_partitions(SCENES[scene]))
 
 
 def files_by_rule(scenes):
@@ -83,17 +86,17 @@ def figure(name, entry=None):
     }
 
 
-def pictures(paper):
-    """The figures that it shows."""
+def paper_figures(paper):
+    """The figures that a paper shows."""
     text = Path(paper).read_text(encoding="utf-8")
     return sorted(set(re.findall(r"\]\((figures/\w+\.svg)\)", text)))
 
 
-def claimed():
+def claimed_tables():
     """The tables that the ledger's claims read."""
     names = [
         name.format(scene=scene)
-        for claim in entries()
+        for claim in read_entries()
         for name in claim.get("reads", ())
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]

@@ -9,7 +9,7 @@ wildcard_constraints:
 
 rule typeset:
     input:
-        lambda wildcards: pictures(f"{wildcards.paper}.md"),
+        lambda wildcards: paper_figures(f"{wildcards.paper}.md"),
         "paper.bib",
         "workflow/paper/numeric.csl",
         expand("{paper}.md", paper=PAPERS),

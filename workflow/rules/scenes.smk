@@ -3,7 +3,7 @@
 
 rule dual_norm:
     input:
-        cases_of,
+        scene_case_files,
     output:
         dual_norm="results/{scene}/dual_norm.nc",
     log:
@@ -12,7 +12,7 @@ rule dual_norm:
         **SOLVES,
     params:
         code=code("dual_norm"),
-        scene=scene_of,
+        scene=declared_scene,
     message:
         "{wildcards.scene}: the dual norm"
     script:
@@ -21,7 +21,7 @@ rule dual_norm:
 
 rule solve:
     input:
-        cases_of,
+        scene_case_files,
         norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
         mesh="results/{scene}/mesh.vtu",
@@ -37,7 +37,7 @@ rule solve:
         **SOLVES,
     params:
         code=code("solve"),
-        scene=scene_of,
+        scene=declared_scene,
         stop=config["stop"],
     message:
         "{wildcards.scene}: all cases on all levels"
@@ -47,7 +47,7 @@ rule solve:
 
 rule rates:
     input:
-        cases_of,
+        scene_case_files,
         errors="results/{scene}/errors.nc",
     output:
         rates="results/{scene}/rates.nc",
@@ -58,7 +58,7 @@ rule rates:
     params:
         code=code("rates"),
         study=config["rates"],
-        judged=lambda wildcards: scene_of(wildcards)["judged"],
+        judged=lambda wildcards: declared_scene(wildcards)["judged"],
     message:
         "{wildcards.scene}: rates, judged"
     script:
@@ -67,7 +67,7 @@ rule rates:
 
 rule totals:
     input:
-        cases_of,
+        scene_case_files,
         mesh="results/{scene}/mesh.vtu",
         solutions="results/{scene}/solutions.nc",
     output:
@@ -78,9 +78,9 @@ rule totals:
         **SOLVES,
     params:
         code=code("totals"),
-        scene=scene_of,
+        scene=declared_scene,
         levels=config["totals"]["levels"],
-        wanted=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
+        case_names=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the guaranteed total errors"
@@ -90,7 +90,7 @@ rule totals:
 
 rule floors:
     input:
-        cases_of,
+        scene_case_files,
         errors="results/{scene}/errors.nc",
     output:
         floors="results/{scene}/floors.nc",

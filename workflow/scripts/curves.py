@@ -2,10 +2,10 @@
 
 from job import run
 
-from study.documents.curves import write
+from study.documents.curves import write_curves
 
 with run(snakemake):
-    write(
+    write_curves(
         errors=snakemake.input.errors,
         rates=snakemake.input.rates,
         totals=snakemake.input.totals,

@@ -2,10 +2,10 @@
 
 from job import run
 
-from study.experiments.graded.measure import measure_graded
+from study.experiments.graded.measure import measure_grading
 
 with run(snakemake):
-    measure_graded(
+    measure_grading(
         study=snakemake.params.study,
         stop=snakemake.params.stop,
         errors=snakemake.output.errors,

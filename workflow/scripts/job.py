@@ -6,7 +6,7 @@ import traceback
 from contextlib import contextmanager, suppress
 from time import perf_counter
 
-from study.table_origin import made_by
+from study.table_origin import stamp_rule
 from unilateral.errors import InputError
 from unilateral.system.memory import peak_mb
 from unilateral.system.signals import cleaning_up
@@ -21,38 +21,38 @@ def run(snakemake):
     in its own, with its exit code, any other error by its name, with a traceback in the log.
     """
     log = snakemake.log[0]
-    terminal = _speak_into(log)
+    terminal = _redirect_output(log)
     start = perf_counter()
     try:
-        with cleaning_up(), made_by(snakemake.rule):
-            _check([file for file in snakemake.input if file.endswith(".nc")], snakemake.config)
+        with cleaning_up(), stamp_rule(snakemake.rule):
+            _check_inputs([file for file in snakemake.input if file.endswith(".nc")], snakemake.config)
             yield
         print(f"done in {perf_counter() - start:.1f} s, with at most {peak_mb():.0f} MB")
         return
     except InputError as error:
-        said = str(error)
+        message = str(error)
         code = error.exit_code
     except Exception as error:
         name = traceback.format_exception_only(error)[-1].strip()
-        said = f"{name}; the traceback is in {log}"
+        message = f"{name}; the traceback is in {log}"
         code = 1
         with suppress(OSError):  # on a full disk
             traceback.print_exc()
     for stream in (terminal, sys.stderr):
         with suppress(OSError):
-            print(f"unilateral: {said}", file=stream, flush=True)
+            print(f"unilateral: {message}", file=stream, flush=True)
     sys.exit(code)
 
 
-def _check(files, config):
+def _check_inputs(files, config):
     if files:
         from study import tables  # which takes long to import
 
         for file in files:
-            tables.load(file, config)
+            tables.load_table(file, config)
 
 
-def _speak_into(log):
+def _redirect_output(log):
     """Let all that this process writes, its libraries too, go to a file; where it was written to before."""
     terminal = os.fdopen(os.dup(sys.stderr.fileno()), "w", encoding="utf-8")
     with open(log, "w", encoding="utf-8") as file:

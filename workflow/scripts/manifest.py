@@ -7,7 +7,7 @@ from study.manifest import write_manifest
 with run(snakemake):
     write_manifest(
         study=snakemake.params.study,
-        made=dict(snakemake.input.items()),
+        files_by_rule=dict(snakemake.input.items()),
         manifest=snakemake.output.manifest,
         sums=snakemake.output.sums,
     )

@@ -11,7 +11,7 @@ with run(snakemake):
         scene=snakemake.params.scene,
         name=snakemake.wildcards.scene,
         levels=snakemake.params.levels,
-        wanted=snakemake.params.wanted,
+        case_names=snakemake.params.case_names,
         ratio=snakemake.params.ratio,
         totals=snakemake.output.totals,
     )

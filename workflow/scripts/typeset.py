@@ -2,10 +2,10 @@
 
 from job import run
 
-from study.documents.typesetting import typeset
+from study.documents.typesetting import typeset_paper
 
 with run(snakemake):
-    typeset(
+    typeset_paper(
         paper=snakemake.input.paper,
         numbers=snakemake.input.numbers,
         page_template=snakemake.input.page_template,

@@ -19,37 +19,39 @@ from pathlib import Path
 from study import formats
 from study.documents import verdicts
 from study.ledger import records
-from unilateral.errors import InputError, shown
+from unilateral.errors import InputError, quote_input
 from unilateral.system.files import replacing
 
-NUMBER = re.compile(r"<!--=(?P<name>[\w.]+)(?::(?P<spec>[^\n>]*?))?-->[^<\n]*<!--/-->")
-CLAIM = re.compile(r"<!--\?(?P<name>[^\s>]+)-->(?P<sentence>(?:(?!<!--).)+)<!--/-->", re.DOTALL)
-ANY = re.compile(r"<!--[=?/].*?(?:-->|$)", re.MULTILINE)
-AT_START = re.compile(r"^[ \t]*(?:(?:[-*+>]|\d+[.)])[ \t]+)?(<!--[=?/])", re.MULTILINE)
+NUMBER_MARK = re.compile(r"<!--=(?P<name>[\w.]+)(?::(?P<spec>[^\n>]*?))?-->[^<\n]*<!--/-->")
+CLAIM_MARK = re.compile(r"<!--\?(?P<name>[^\s>]+)-->(?P<sentence>(?:(?!<!--).)+)<!--/-->", re.DOTALL)
+ANY_MARK = re.compile(r"<!--[=?/].*?(?:-->|$)", re.MULTILINE)
+LINE_START_MARK = re.compile(r"^[ \t]*(?:(?:[-*+>]|\d+[.)])[ \t]+)?(<!--[=?/])", re.MULTILINE)
 BLOCK_MARK = re.compile(r"^<!-- ([\w-]+): (begin|end) -->$", re.MULTILINE)
-BLOCK = re.compile(r"^(<!-- ([\w-]+): begin -->\n).*?^(<!-- \2: end -->)$", re.DOTALL | re.MULTILINE)
+BLOCK_WITH_MARKS = re.compile(
+    r"^(<!-- ([\w-]+): begin -->\n).*?^(<!-- \2: end -->)$", re.DOTALL | re.MULTILINE
+)
 
 
 def fill_documents(numbers: str, blocks: str, claims: str, documents: Sequence[str]) -> None:
     """Fill in all documents, from the files of numbers, of blocks and of claims."""
-    holding = verdicts.holding(records.read(claims))
+    holding = verdicts.holds_by_claim(records.read_records(claims))
     for document in documents:
-        fill(document, records.read(numbers), records.read(blocks), holding)
+        fill_document(document, records.read_records(numbers), records.read_records(blocks), holding)
 
 
-def fill(
+def fill_document(
     path: str | Path,
     numbers: Mapping[str, formats.Value],
     blocks: Mapping[str, str],
     claims: Mapping[str, bool],
 ) -> None:
-    """Fill in a document, in place. Raises InputError as `filled` does, and leaves the file as it is."""
-    text = filled(path, numbers, blocks, claims)
+    """Fill in a document, in place. Raises InputError as `fill_text` does, and leaves the file as it is."""
+    text = fill_text(path, numbers, blocks, claims)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def filled(
+def fill_text(
     path: str | Path,
     numbers: Mapping[str, formats.Value],
     blocks: Mapping[str, str],
@@ -61,87 +63,90 @@ def filled(
     format that does not fit; and for a sentence whose claim does not hold.
     """
     try:
-        given = Path(path).read_text(encoding="utf-8")
+        source = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path} is listed as a document, and is no text in UTF-8 ({fault})") from None
-    text = _numbers(str(path), given, numbers)
-    _check(str(path), text, claims)
-    return _blocks(str(path), text, blocks)
+    text = _fill_numbers(str(path), source, numbers)
+    _check_marks(str(path), text, claims)
+    return _fill_blocks(str(path), text, blocks)
 
 
-def written(path: str | Path) -> str:
+def digest_prose(path: str | Path) -> str:
     """The SHA-256 of what people wrote in a document, without what is filled in. Empty if it is no text."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return ""
-    kept = NUMBER.sub(lambda mark: mark[0].partition("-->")[0], BLOCK.sub(r"\1\3", text))
-    return sha256(kept.encode()).hexdigest()
+    prose = NUMBER_MARK.sub(lambda mark: mark[0].partition("-->")[0], BLOCK_WITH_MARKS.sub(r"\1\3", text))
+    return sha256(prose.encode()).hexdigest()
 
 
-def without_marks(text: str) -> str:
+def remove_marks(text: str) -> str:
     """The text that readers see."""
-    return ANY.sub("", BLOCK_MARK.sub("", text))
+    return ANY_MARK.sub("", BLOCK_MARK.sub("", text))
 
 
-def _blocks(path: str, text: str, blocks: Mapping[str, str]) -> str:
+def _fill_blocks(path: str, text: str, blocks: Mapping[str, str]) -> str:
     marks = BLOCK_MARK.findall(text)
-    found = [name for name, _ in marks[::2]]
-    if marks != [(name, part) for name in dict.fromkeys(found) for part in ("begin", "end")]:
-        listed = ", ".join(f"{name}: {part}" for name, part in marks)
+    names = [name for name, _ in marks[::2]]
+    if marks != [(name, edge) for name in dict.fromkeys(names) for edge in ("begin", "end")]:
+        listed = ", ".join(f"{name}: {edge}" for name, edge in marks)
         raise InputError(f"{path}: each block needs one begin mark and then one end mark, not {listed}")
-    for name in found:
-        _known(f"{path}, block '{name}'", "block", name, blocks)
-    return BLOCK.sub(lambda mark: f"{mark[1]}{blocks[mark[2]]}\n{mark[3]}", text)
+    for name in names:
+        _require_name(f"{path}, block '{name}'", "block", name, blocks)
+    return BLOCK_WITH_MARKS.sub(lambda mark: f"{mark[1]}{blocks[mark[2]]}\n{mark[3]}", text)
 
 
-def _numbers(path: str, text: str, numbers: Mapping[str, formats.Value]) -> str:
-    def filled(mark: re.Match[str]) -> str:
-        name, spec = mark["name"], mark["spec"] or ""
-        where = f"{_place(path, text, mark.start())}, mark '{mark[0].partition('-->')[0][4:]}'"
-        _known(where, "number", name, numbers)
+def _fill_numbers(path: str, text: str, numbers: Mapping[str, formats.Value]) -> str:
+    def fill_mark(mark: re.Match[str]) -> str:
+        """The mark with its number in the format that it asks for."""
+        name = mark["name"]
+        spec = mark["spec"] or ""
+        where = f"{_locate_mark(path, text, mark.start())}, mark '{mark[0].partition('-->')[0][4:]}'"
+        _require_name(where, "number", name, numbers)
         try:
-            value = formats.shown(numbers[name], spec)
+            value = formats.format_value(numbers[name], spec)
         except ValueError as fault:
             raise InputError(
                 f"{where}: {numbers[name]!r} cannot be shown so ({fault}); use a format of Python's such as "
-                f".2g, or one of {', '.join(formats.OWN)}, down.2f, up.3g, up.short, .2g%"
+                f".2g, or one of {', '.join(formats.OWN_FORMATS)}, down.2f, up.3g, up.short, .2g%"
             ) from None
         return f"{mark[0].partition('-->')[0]}-->{value}<!--/-->"
 
-    return NUMBER.sub(filled, text)
+    return NUMBER_MARK.sub(fill_mark, text)
 
 
-def _check(path: str, text: str, claims: Mapping[str, bool]) -> None:
-    if early := AT_START.search(text):
-        where = _place(path, text, early.start(1))
+def _check_marks(path: str, text: str, claims: Mapping[str, bool]) -> None:
+    if early := LINE_START_MARK.search(text):
+        where = _locate_mark(path, text, early.start(1))
         raise InputError(
             f"{where}: a line begins with a mark, and Markdown takes all of it for HTML; put a word before it"
         )
-    sentences = NUMBER.sub(lambda mark: without_marks(mark[0]), text)
-    for mark in CLAIM.finditer(sentences):
-        sentence = shown(" ".join(mark["sentence"].split()))
-        where = f"{_place(path, sentences, mark.start())}, '{sentence}'"
+    sentences = NUMBER_MARK.sub(lambda mark: remove_marks(mark[0]), text)
+    for mark in CLAIM_MARK.finditer(sentences):
+        sentence = quote_input(" ".join(mark["sentence"].split()))
+        where = f"{_locate_mark(path, sentences, mark.start())}, '{sentence}'"
         for name in mark["name"].split(","):
-            _known(where, "claim", name, claims)
+            _require_name(where, "claim", name, claims)
             if not claims[name]:
                 raise InputError(
                     f"{where}: claim {name}, on which this sentence rests, does not hold; rewrite it"
                 )
-    others = CLAIM.sub(lambda mark: mark["sentence"], sentences)
-    if left := ANY.search(others):
+    unguarded = CLAIM_MARK.sub(lambda mark: mark["sentence"], sentences)
+    if stray := ANY_MARK.search(unguarded):
+        where = _locate_mark(path, unguarded, stray.start())
         raise InputError(
-            f"{_place(path, others, left.start())}, mark '{shown(left[0])}': it is in no pair; right is "
-            "<!--=NAME:FORMAT-->0.19<!--/--> on one line, or <!--?CLAIM-->a sentence.<!--/-->"
+            f"{where}, mark '{quote_input(stray[0])}': it is in no pair; "
+            "right is <!--=NAME:FORMAT-->0.19<!--/--> on one line, or <!--?CLAIM-->a sentence.<!--/-->"
         )
 
 
-def _known(where: str, what: str, name: str, known: Iterable[str]) -> None:
-    names = list(known)
+def _require_name(where: str, kind: str, name: str, valid_names: Iterable[str]) -> None:
+    names = list(valid_names)
     if name not in names:
         close = difflib.get_close_matches(name, names, n=3, cutoff=0) or ["none"]
-        raise InputError(f"{where}: there is no {what} '{name}'; the most similar are {', '.join(close)}")
+        raise InputError(f"{where}: there is no {kind} '{name}'; the most similar are {', '.join(close)}")
 
 
-def _place(path: str, text: str, position: int) -> str:
+def _locate_mark(path: str, text: str, position: int) -> str:
     return f"{path}, line {text.count(chr(10), 0, position) + 1}"

@@ -28,57 +28,65 @@ from study.experiments.sharpness import numbers as sharpness
 from study.experiments.stability import numbers as stability
 from study.formats import Value
 from study.ledger import records, texts
-from study.ledger.records import ORIGINS, origin
-from study.table_origin import place
+from study.ledger.records import ORIGINS, source_origin
+from study.table_origin import table_place
 from unilateral.norms.resolution import RULE
 from unilateral.system.files import replacing
 
-EXPERIMENTS = (adaptive, benchmarks, cells, certify, cost, extremes, graded, scenes, sharpness, stability)
-LOADERS: dict[str, Callable[[str], Any]] = {".nc": tables.load, ".csv": pd.read_csv, ".json": records.read}
+NUMBER_MODULES = (adaptive, benchmarks, cells, certify, cost, extremes, graded, scenes, sharpness, stability)
+LOADERS: dict[str, Callable[[str], Any]] = {
+    ".nc": tables.load_table,
+    ".csv": pd.read_csv,
+    ".json": records.read_records,
+}
 """How files are read, by their endings."""
-LINE = 150
+MAX_ALIGNED_LETTERS = 150
 """The columns of a table are aligned only if its lines have at most so many letters."""
 
 
 def write_numbers(files: Sequence[str], study: Mapping[str, Any], numbers: str, blocks: str) -> None:
     """Write all numbers and all blocks as JSON, one on each line, from these files of results."""
-    collected = collect(files, study)
+    collected = collect_numbers(files, study)
     for values, path in zip(collected, (numbers, blocks), strict=True):
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def collect(files: Sequence[str], study: Mapping[str, Any]) -> tuple[dict[str, Value], dict[str, str]]:
+def collect_numbers(
+    files: Sequence[str], study: Mapping[str, Any]
+) -> tuple[dict[str, Value], dict[str, str]]:
     """All numbers by name, and all blocks by name."""
-    results = {place(file): LOADERS[Path(file).suffix](file) for file in files}
-    numbers, frames = _of_the_study(results, study)
-    for experiment in EXPERIMENTS:
+    results = {table_place(file): LOADERS[Path(file).suffix](file) for file in files}
+    numbers, frames = _study_numbers(results, study)
+    for experiment in NUMBER_MODULES:
         numbers |= experiment.numbers(results, study)
         if hasattr(experiment, "blocks"):
             frames |= experiment.blocks(results, study)
-    return flat(numbers), {name: markdown(frame) for name, frame in frames.items()}
+    return flatten_groups(numbers), {name: format_markdown(frame) for name, frame in frames.items()}
 
 
-def _of_the_study(
+def _study_numbers(
     results: Mapping[str, Any], study: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Parameters, claims and the costs of the whole study; the tables of claims and of figures."""
     claims = results["results/claims"]
-    observed = {each["id"]: {"observed": each["observed"]} for each in claims}
+    observed = {record["id"]: {"observed": record["observed"]} for record in claims}
     make = results["benchmarks/whole"]
     measured = make | results["benchmarks/installations"]
-    whole = {name: taken(each) for name, each in measured.items() if isinstance(each, Mapping)}
+    uses = {name: resource_use(record) for name, record in measured.items() if isinstance(record, Mapping)}
     numbers = {
-        "study": _parameters(study) | {"infsup": {"rule": RULE._asdict()}},
-        "claims": observed | ledger(claims),
-        "whole": whole | {name: make[name] for name in ("cores", "date")},
+        "study": _documented_parameters(study) | {"infsup": {"rule": RULE._asdict()}},
+        "claims": observed | count_claims(claims),
+        "whole": uses | {name: make[name] for name in ("cores", "date")},
     }
-    return numbers, verdicts.claims_tables(claims) | {"figures": figures(study["figures"])}
+    return numbers, verdicts.tabulate_claims(claims) | {"figures": tabulate_figures(study["figures"])}
 
 
-def _parameters(study: Mapping[str, Any]) -> dict[str, Any]:
+def _documented_parameters(study: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters that documents name."""
-    cost, extremes, rates = study["cost"], study["extremes"], study["rates"]
+    cost = study["cost"]
+    extremes = study["extremes"]
+    rates = study["rates"]
     axes = {axis: {"h": extremes["axes"][axis]["h"]} for axis in ("ratio", "shift")}
     axes["single"] = {"accuracy": extremes["axes"]["single"]["accuracy"]}
     return {
@@ -90,47 +98,47 @@ def _parameters(study: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def ledger(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def count_claims(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """How many claims have a check, a margin or neither, and where the required numbers come from."""
-    origins = Counter(origin(each["source"]) for each in claims if each["source"] is not None)
-    known = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
-    known["margins"] = sum(texts.margin(each) != texts.NONE for each in claims)
-    return known | {"thresholds": {name: origins[name] for name in ORIGINS}}
+    origins = Counter(source_origin(record["source"]) for record in claims if record["source"] is not None)
+    counts = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
+    counts["margins"] = sum(texts.describe_margin(record) != texts.NO_NUMBER for record in claims)
+    return counts | {"thresholds": {name: origins[name] for name in ORIGINS}}
 
 
-def taken(measured: Mapping[str, float]) -> dict[str, Any]:
+def resource_use(measured: Mapping[str, float]) -> dict[str, Any]:
     """Minutes, GB of memory and of the disk, and packages, from seconds, MB and packages."""
     sizes = {name: measured[name] / 1024 for name in ("memory", "disk") if name in measured}
     packages = {"packages": measured["packages"]} if "packages" in measured else {}
     return {"minutes": measured["seconds"] / 60, **sizes, **packages}
 
 
-def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
+def flatten_groups(groups: Mapping[str, Any], prefix: str = "") -> dict[str, Value]:
     """{"a": {"b": 1, "c": [2]}} as {"a.b": 1}: names lead through the groups, and lists are left out."""
-    found: dict[str, Value] = {}
-    for name, of in groups.items():
-        if isinstance(of, Mapping):
-            found |= flat(of, f"{above}{name}.")
-        elif isinstance(of, Value):
-            found[f"{above}{name}"] = of
-    return found
+    values: dict[str, Value] = {}
+    for name, value in groups.items():
+        if isinstance(value, Mapping):
+            values |= flatten_groups(value, f"{prefix}{name}.")
+        elif isinstance(value, Value):
+            values[f"{prefix}{name}"] = value
+    return values
 
 
-def figures(shown: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+def tabulate_figures(figures: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     """The table of the figures and what they show, for a page in a folder beside that of the figures."""
     rows = []
-    for entry, figure in shown.items():
+    for entry, figure in figures.items():
         names = [f"{entry}_{scene}" for scene in figure["scenes"]] if "scenes" in figure else [entry]
         links = ", ".join(f"[{name}](../figures/{name}.svg)" for name in names)
         rows.append([links, figure["shows"], f"`snakemake -j2 figures/{names[0]}.svg`"])
     return pd.DataFrame(rows, columns=["figure", "shows", "command"])
 
 
-def markdown(table: pd.DataFrame) -> str:
+def format_markdown(table: pd.DataFrame) -> str:
     """A table of texts in Markdown."""
     rows = [list(table.columns), *table.to_numpy().tolist()]
     widths = [max(map(len, [f"{head}  ", *cells])) for head, *cells in zip(*rows, strict=True)]
-    if sum(widths) + 3 * len(widths) + 1 > LINE:
+    if sum(widths) + 3 * len(widths) + 1 > MAX_ALIGNED_LETTERS:
         widths = [0] * len(widths)
     lines = ["| " + " | ".join(map(str.ljust, row, widths)) + " |" for row in rows]
     lines.insert(1, "|" + "|".join("-" * max(3, width + 2) for width in widths) + "|")

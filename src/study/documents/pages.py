@@ -12,12 +12,12 @@ from typing import Any
 import pandas as pd
 
 from study.documents import marks, verdicts
-from study.documents.numbers import markdown
-from study.documents.typesetting import page_of
+from study.documents.numbers import format_markdown
+from study.documents.typesetting import convert_to_page
 from study.ledger import records
 from unilateral.system.files import replacing
 
-MEGABYTE = 1e6
+BYTES_PER_MEGABYTE = 1e6
 
 
 def typeset_pages(
@@ -32,25 +32,25 @@ def typeset_pages(
     pages: Sequence[str],
 ) -> None:
     """Write a page for each text; `filter` is a Lua filter for pandoc."""
-    known = records.read(blocks) | provenance(records.read(manifest), parameters)
-    holding = verdicts.holding(records.read(claims))
+    all_blocks = records.read_records(blocks) | provenance_blocks(records.read_records(manifest), parameters)
+    holding = verdicts.holds_by_claim(records.read_records(claims))
     for text, page in zip(texts, pages, strict=True):
-        told = marks.filled(text, records.read(numbers), known, holding)
+        filled = marks.fill_text(text, records.read_records(numbers), all_blocks, holding)
         with replacing(page) as temporary:
-            temporary.write_text(page_of(told, text, filter, template), encoding="utf-8")
+            temporary.write_text(convert_to_page(filled, text, filter, template), encoding="utf-8")
 
 
-def provenance(manifest: Mapping[str, Any], parameters: Iterable[str]) -> dict[str, str]:
+def provenance_blocks(manifest: Mapping[str, Any], parameters: Iterable[str]) -> dict[str, str]:
     """Blocks by their names, from the study's manifest and the files that hold its parameters."""
     versions = pd.DataFrame(manifest["versions"].items(), columns=["package", "version"])
     # How many files each rule made, and how large they are
     sizes = pd.DataFrame(manifest["files"]).groupby("rule", sort=False)["bytes"]
-    megabytes = sizes.sum().map(lambda size: f"{size / MEGABYTE:.2g}")
+    megabytes = sizes.sum().map(lambda size: f"{size / BYTES_PER_MEGABYTE:.2g}")
     files = pd.DataFrame({"files": sizes.size().astype(str), "MB": megabytes}).reset_index()
     texts = [f"SHA-256 of the configuration: `{manifest['parameters']}`"]
     texts += [f"## `{path}`\n\n```yaml\n{Path(path).read_text(encoding='utf-8')}```" for path in parameters]
     return {
-        "versions": markdown(versions),
-        "files": markdown(files),
+        "versions": format_markdown(versions),
+        "files": format_markdown(files),
         "parameters": "\n\n".join(texts),
     }

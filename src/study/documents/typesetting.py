@@ -13,13 +13,13 @@ from study.documents import marks
 from unilateral.errors import InputError
 from unilateral.system.files import replacing
 
-ARCHIVAL: Final = "a-2b"
+PDF_STANDARD: Final = "a-2b"
 """The PDF/A standard of the paper; under it typst refuses a letter that its fonts do not have."""
-NOISE = re.compile(r"Pandoc died .*?: |\[WARNING\] |Failing because.*|stack traceback.*", re.DOTALL)
-PLACE = re.compile(r"^\s*\d+ │ (.*)$", re.MULTILINE)
+PANDOC_NOISE = re.compile(r"Pandoc died .*?: |\[WARNING\] |Failing because.*|stack traceback.*", re.DOTALL)
+DIAGNOSTIC_SOURCE = re.compile(r"^\s*\d+ │ (.*)$", re.MULTILINE)
 
 
-def typeset(
+def typeset_paper(
     paper: str | Path,
     numbers: str | Path,
     page_template: str | Path,
@@ -34,22 +34,22 @@ def typeset(
     they cannot set, a formula wider than the text.
     """
     text = Path(paper).read_text(encoding="utf-8")
-    page = page_of(text, paper, numbers, page_template)
-    printed = _compiled(paper, _converted(text, paper, "typst", numbers, print_template))
+    page = convert_to_page(text, paper, numbers, page_template)
+    printed = _compile_pdf(paper, _convert_markdown(text, paper, "typst", numbers, print_template))
     with replacing(html) as new_html, replacing(pdf) as new_pdf:
         new_html.write_text(page, encoding="utf-8")
         new_pdf.write_bytes(printed)
 
 
-def page_of(text: str, paper: str | Path, numbers: str | Path, template: str | Path) -> str:
+def convert_to_page(text: str, paper: str | Path, numbers: str | Path, template: str | Path) -> str:
     """A text in Markdown as one HTML page with its contents at the top; `paper` is the file of the text."""
-    return _converted(
+    return _convert_markdown(
         text, paper, "html", numbers, template, "--mathml", "--embed-resources", "--toc", "--toc-depth=2"
     )
 
 
-def _converted(
-    text: str, paper: str | Path, to: str, numbers: str | Path, template: str | Path, *options: str
+def _convert_markdown(
+    text: str, paper: str | Path, target_format: str, numbers: str | Path, template: str | Path, *options: str
 ) -> str:
     arguments = [
         "--standalone",
@@ -65,23 +65,25 @@ def _converted(
         *options,
     ]
     try:
-        return pypandoc.convert_text(marks.without_marks(text), to, format="markdown", extra_args=arguments)
+        return pypandoc.convert_text(
+            marks.remove_marks(text), target_format, format="markdown", extra_args=arguments
+        )
     except RuntimeError as error:
-        said = " ".join(NOISE.sub("", str(error)).split())
-        raise InputError(f"{paper} was not typeset: pandoc says {said}") from error
+        complaint = " ".join(PANDOC_NOISE.sub("", str(error)).split())
+        raise InputError(f"{paper} was not typeset: pandoc says {complaint}") from error
 
 
-def _compiled(paper: str | Path, source: str) -> bytes:
+def _compile_pdf(paper: str | Path, source: str) -> bytes:
     complaints: list[typst.TypstWarning | typst.TypstError] = []
     try:
         printed, warnings = typst.compile_with_warnings(  # type: ignore[type-var]  # its stubs forbid two types
-            source.encode(), root=Path(paper).parent, ignore_system_fonts=True, pdf_standards=[ARCHIVAL]
+            source.encode(), root=Path(paper).parent, ignore_system_fonts=True, pdf_standards=[PDF_STANDARD]
         )
         complaints += warnings
     except typst.TypstError as error:
         complaints.append(error)
     if complaints:
-        place = PLACE.search(complaints[0].diagnostic)
+        place = DIAGNOSTIC_SOURCE.search(complaints[0].diagnostic)
         where = f" in: {place[1].strip()}" if place else ""
         raise InputError(f"{paper} was not typeset: typst says {complaints[0].message}{where}")
     return printed

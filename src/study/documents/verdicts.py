@@ -9,51 +9,54 @@ from typing import Any
 import pandas as pd
 
 from study.ledger import texts
-from study.ledger.records import holds
+from study.ledger.records import verdict_holds
 
-NUMBER = re.compile(r"(-?)([0-9.]+)e([+-][0-9]+)")
-SIGNS = {"≥": r"\ge", "≤": r"\le", "much more": r"\text{much more}"}
+SCIENTIFIC_NUMBER = re.compile(r"(-?)([0-9.]+)e([+-][0-9]+)")
+TEX_SIGNS = {"≥": r"\ge", "≤": r"\le", "much more": r"\text{much more}"}
 
 
-def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
+def holds_by_claim(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
     """Whether each claim holds, by its id; `records` are those of `results/claims.json`."""
-    return {each["id"]: holds(each["verdict"]) for each in records}
+    return {record["id"]: verdict_holds(record["verdict"]) for record in records}
 
 
-def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFrame]:
+def tabulate_claims(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFrame]:
     """A table per section of the ledger, by the block's name."""
     rows: dict[str, list[dict[str, str]]] = {}
-    for each in records:
+    for record in records:
         row = {
-            "claim": each["id"],
-            "statement": f"{each['statement']} [{each['where']}]",
-            "measured": _measured(each),
-            "verdict": each["verdict"],
+            "claim": record["id"],
+            "statement": f"{record['statement']} [{record['where']}]",
+            "measured": _describe_measurement(record),
+            "verdict": record["verdict"],
         }
-        rows.setdefault(f"claims-{each['section']}", []).append(row)
-    return {name: pd.DataFrame(of) for name, of in rows.items()}
+        rows.setdefault(f"claims-{record['section']}", []).append(row)
+    return {name: pd.DataFrame(section_rows) for name, section_rows in rows.items()}
 
 
-def _measured(record: Mapping[str, Any]) -> str:
-    """What counts and its value, the margin, and what the check sees; a dash if nothing was measured."""
+def _describe_measurement(record: Mapping[str, Any]) -> str:
+    """Quantity, value and margin of a record, and the smallest share its check sees; or a dash."""
     if record["quantity"] is None:
-        return texts.NONE
-    margin, sees = texts.margin(record), record["sees"]
-    parts = [f"{record['quantity']}: {_formula(texts.observed(record))}"]
-    parts += [f"margin {margin}"] if margin != texts.NONE else []
-    parts += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
-    return "; ".join(parts).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
+        return texts.NO_NUMBER
+    margin = texts.describe_margin(record)
+    sees = record["sees"]
+    phrases = [f"{record['quantity']}: {_format_comparison(texts.describe_observation(record))}"]
+    phrases += [f"margin {margin}"] if margin != texts.NO_NUMBER else []
+    phrases += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
+    return "; ".join(phrases).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
-def _formula(text: str) -> str:
+def _format_comparison(text: str) -> str:
     """A comparison of numbers in TeX, with powers of ten."""
-    text = NUMBER.sub(_power, text)
-    for sign, tex in SIGNS.items():
+    text = SCIENTIFIC_NUMBER.sub(_format_tex_power, text)
+    for sign, tex in TEX_SIGNS.items():
         text = text.replace(sign, tex)
     return f"${text}$"
 
 
-def _power(number: re.Match[str]) -> str:
-    minus, mantissa, power = number[1], number[2], int(number[3])
+def _format_tex_power(number: re.Match[str]) -> str:
+    minus = number[1]
+    mantissa = number[2]
+    power = int(number[3])
     factor = "" if mantissa == "1" else rf"{mantissa}\cdot "
     return f"{minus}{factor}10^{{{power}}}"

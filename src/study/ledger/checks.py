@@ -24,7 +24,7 @@ import xarray as xr
 
 from study import evidence
 from study import tables as stored
-from study.evidence import Evidence, Tables, dims_of, in_rows
+from study.evidence import Evidence, Tables, name_values, named_dimensions
 from unilateral.errors import InputError
 
 
@@ -57,47 +57,45 @@ def worst(
     smallest, required = (True, at_least) if at_most is None else (False, at_most)
     if required is None:
         raise InputError(f"the check of {value!r} has no bound; it needs at_least or at_most")
-    found: dict[str, float] = {}
+    named: dict[str, float] = {}
     for scene in scenes:
         name = table.format(scene=scene)
-        data = _chosen(tables[name], cases, select, H_over_h)
+        data = _select_data(tables[name], cases, select, H_over_h)
         for variable, text in (let or {}).items():
-            data = data.assign({variable: _evaluated(data, text)})
-        values = _evaluated(data, value)
-        counts = _evaluated(data, where) if where else xr.ones_like(values, dtype=bool)
+            data = data.assign({variable: _evaluate(data, text)})
+        values = _evaluate(data, value)
+        counts = _evaluate(data, where) if where else xr.ones_like(values, dtype=bool)
+        # What is excluded is NaN, which min and max pass over; a row of these alone is NaN
         values, counts = xr.broadcast(values.where(counts), counts)
-        others = [dim for dim in values.dims if dim not in dims_of(values, rows)]
-        of_row = values.min(others) if smallest else values.max(others)
-        counted = in_rows(counts.any(others), rows, scene or name)
-        found |= {
+        row_dims = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
+        row_values = values.min(row_dims) if smallest else values.max(row_dims)
+        counted = name_values(counts.any(row_dims), rows, scene or name)
+        named |= {
             row: number
-            for row, number in in_rows(of_row, rows, scene or name).items()
+            for row, number in name_values(row_values, rows, scene or name).items()
             if counted[row] or not left_out
         }
-    return evidence.worst(found, quantity, required, smallest)
+    return evidence.pick_worst(named, quantity, required, smallest)
 
 
-def all_of(tables: Tables, parts: Sequence[Mapping[str, Any]], **shared: Any) -> Evidence:
+def all_of(tables: Tables, statements: Sequence[Mapping[str, Any]], **shared: Any) -> Evidence:
     """The evidence for a statement in parts, each as for `worst`; they share the other parameters."""
-    return evidence.all_of(*(worst(tables, **{**shared, **part}) for part in parts))
+    return evidence.require_all(*(worst(tables, **{**shared, **statement}) for statement in statements))
 
 
-def _chosen(
-    table: xr.Dataset,
-    cases: Sequence[str] | None,
-    select: Mapping[str, Any] | None,
-    H_over_h: float | None,
+def _select_data(
+    table: xr.Dataset, cases: Sequence[str] | None, select: Mapping[str, Any] | None, H_over_h: float | None
 ) -> xr.Dataset:
     """The part of a table that a check is about."""
     if cases is not None:
         table = table.sel(case=sorted(set(cases) & set(table["case"].values)))
     if select is not None:
         table = table.sel(select)
-    return table if H_over_h is None else stored.along_ratio(table, 1 / H_over_h)
+    return table if H_over_h is None else stored.select_ratio(table, 1 / H_over_h)
 
 
-def _evaluated(data: xr.Dataset, value: str | Sequence[str] | Mapping[str, str]) -> xr.DataArray:
+def _evaluate(data: xr.Dataset, value: str | Sequence[str] | Mapping[str, str]) -> xr.DataArray:
     if isinstance(value, str):
         return xr.DataArray(data.eval(value))
-    named_ones = value if isinstance(value, Mapping) else dict(zip(value, value, strict=True))
-    return xr.Dataset({name: _evaluated(data, text) for name, text in named_ones.items()}).to_dataarray()
+    expressions = value if isinstance(value, Mapping) else dict(zip(value, value, strict=True))
+    return xr.Dataset({name: _evaluate(data, text) for name, text in expressions.items()}).to_dataarray()

@@ -31,15 +31,15 @@ from study.experiments.scenes import checks as scenes
 from study.experiments.sharpness import checks as sharpness
 from study.experiments.stability import checks as stability
 from study.ledger import checks
-from study.ledger.controls import smallest_share, spoilt, told
-from study.ledger.entries import entries
-from study.ledger.listing import table
-from study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED, counts_against
+from study.ledger.controls import describe_share, find_smallest_share, spoil_results
+from study.ledger.entries import read_entries
+from study.ledger.listing import list_claims
+from study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED, verdict_counts_against
 from study.ledger.results import Results
-from unilateral.errors import InputError, meant, shown
+from unilateral.errors import InputError, quote_input, suggest_name
 from unilateral.system.files import replacing
 
-CHECKS = {
+CHECK_MODULES = {
     "ledger": checks,
     "adaptive": adaptive,
     "algorithm": algorithm,
@@ -80,7 +80,7 @@ class Claim:
     def measure(self, results: Tables) -> Evidence:
         """The check's evidence. Raises Unjudged, and InputError for a table that is missing."""
         experiment, function = self.check.split(".")
-        evidence: Evidence = getattr(CHECKS[experiment], function)(results, **self.parameters)
+        evidence: Evidence = getattr(CHECK_MODULES[experiment], function)(results, **self.parameters)
         return evidence
 
 
@@ -94,15 +94,17 @@ class Judgement:
 
     @property
     def holds(self) -> bool:
+        """Whether there is evidence and it holds."""
         return isinstance(self.evidence, Evidence) and self.evidence.holds
 
     @property
     def counts_against(self) -> bool:
         """Whether there is something to measure and it does not hold."""
-        return counts_against(self.verdict)
+        return verdict_counts_against(self.verdict)
 
     @property
     def verdict(self) -> str:
+        """The claim's verdict if it holds, else that it fails, is not judged, or has nothing to measure."""
         if self.evidence is None:
             return f"{UNMEASURED}: {self.claim.unmeasured}"
         if isinstance(self.evidence, Unjudged):
@@ -114,14 +116,17 @@ class Judgement:
         """The smallest part of its control at which the claim does not hold; None if it fails anyway."""
         if not self.holds:
             return None
-        control, claim = self.claim.control, _of_spoilt_scenes(self.claim)
-        if not judgement(self.results, claim).holds:  # nothing to judge on these alone
+        control = self.claim.control
+        claim = _restrict_to_control(self.claim)
+        if not judge_claim(self.results, claim).holds:  # nothing to judge on these alone
             claim = self.claim
-        share = smallest_share(lambda x: not judgement(spoilt(self.results, control, x), claim).holds)
-        return told(control, share)
+        share = find_smallest_share(
+            lambda x: not judge_claim(spoil_results(self.results, control, x), claim).holds
+        )
+        return describe_share(control, share)
 
     def record(self) -> dict[str, Any]:
-        """What `results/claims.json` holds of a claim; without numbers if there are none."""
+        """The claim's record in `results/claims.json`; without numbers if there are none."""
         claim = self.claim
         record: dict[str, Any] = {
             "id": claim.id,
@@ -140,7 +145,7 @@ class Judgement:
             "sees": self.sees,
         }
         if isinstance(self.evidence, Evidence):
-            sign = ">=" if self.evidence.at_least else "<="
+            sign = ">=" if self.evidence.is_minimum else "<="
             record["quantity"] = self.evidence.quantity
             record["expected"] = f"{sign} {self.evidence.required:.4g}"
             record["observed"] = float(f"{self.evidence.observed:.4g}")
@@ -149,16 +154,16 @@ class Judgement:
 
 
 @cache
-def ledger() -> tuple[Claim, ...]:
+def load_ledger() -> tuple[Claim, ...]:
     """All claims, section by section. Raises InputError for an entry that is none."""
-    return tuple(declared(entry) for entry in entries())
+    return tuple(read_claim(entry) for entry in read_entries())
 
 
-FORMS = frozenset({"verdict", "check", "reads", "source", "control"}), frozenset({"unmeasured"})
+CLAIM_FIELDS = frozenset({"verdict", "check", "reads", "source", "control"}), frozenset({"unmeasured"})
 """Besides id, section, title, statement and where, a claim has the first fields or, unmeasured, the last."""
 
 
-def declared(entry: Mapping[str, Any]) -> Claim:
+def read_claim(entry: Mapping[str, Any]) -> Claim:
     """The claim of an entry. Raises InputError for fields too few or too many, and for an unknown check."""
     parameters = entry.get("parameters", {})
     scenes = parameters.get("scenes", [""])
@@ -168,22 +173,23 @@ def declared(entry: Mapping[str, Any]) -> Claim:
         claim = Claim(**fields)
     except TypeError as error:
         raise InputError(f"ledger, claim '{entry['id']}': {error}") from None
-    if entry.keys() & frozenset.union(*FORMS) not in FORMS:
+    if entry.keys() & frozenset.union(*CLAIM_FIELDS) not in CLAIM_FIELDS:
         raise InputError(
-            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(FORMS[0]))}, or 'unmeasured' alone"
+            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(CLAIM_FIELDS[0]))}, "
+            "or 'unmeasured' alone"
         )
     if claim.check and claim.source.partition(":")[0] not in ORIGINS.values():
-        known = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
+        origins = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
         raise InputError(
-            f"ledger, claim '{claim.id}': its source has to begin with one of {known}, and a colon"
+            f"ledger, claim '{claim.id}': its source has to begin with one of {origins}, and a colon"
         )
     experiment, _, function = claim.check.partition(".")
-    if claim.check and not hasattr(CHECKS.get(experiment), function):
+    if claim.check and not hasattr(CHECK_MODULES.get(experiment), function):
         raise InputError(f"ledger, claim '{claim.id}': there is no check '{claim.check}'")
     return claim
 
 
-def _of_spoilt_scenes(claim: Claim) -> Claim:
+def _restrict_to_control(claim: Claim) -> Claim:
     """The claim about those of its scenes that its control spoils: a check fails where one scene does."""
     touched = {name.split("/")[0] for name in claim.control["tables"]}
     if not (scenes := [scene for scene in claim.parameters.get("scenes", ()) if scene in touched]):
@@ -193,18 +199,18 @@ def _of_spoilt_scenes(claim: Claim) -> Claim:
 
 def judge_claims(tables: Sequence[str], claims: str) -> None:
     """Write and print the judgements of all claims, by the tables that lie in folders beside their file."""
-    records = [each.record() for each in judge(Results(Path(claims).parent))]
+    records = [judgement.record() for judgement in judge_all(Results(Path(claims).parent))]
     with replacing(claims) as temporary:
         temporary.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
-    print(*table(records), sep="\n")
+    print(*list_claims(records), sep="\n")
 
 
-def judge(results: Results, claims: Iterable[Claim] | None = None) -> list[Judgement]:
+def judge_all(results: Results, claims: Iterable[Claim] | None = None) -> list[Judgement]:
     """The claims' judgements by those tables."""
-    return [judgement(results, claim) for claim in claims or ledger()]
+    return [judge_claim(results, claim) for claim in claims or load_ledger()]
 
 
-def judgement(results: Results, claim: Claim) -> Judgement:
+def judge_claim(results: Results, claim: Claim) -> Judgement:
     """The judgement of one claim by those tables."""
     if claim.unmeasured:
         return Judgement(claim, results, None)
@@ -214,11 +220,12 @@ def judgement(results: Results, claim: Claim) -> Judgement:
         return Judgement(claim, results, reason)
 
 
-def find(wanted: str) -> Claim:
+def find_claim(claim_id: str) -> Claim:
     """The claim with that id. Raises InputError if there is none."""
-    known = {claim.id: claim for claim in ledger()}
-    if wanted not in known:
+    claims_by_id = {claim.id: claim for claim in load_ledger()}
+    if claim_id not in claims_by_id:
         raise InputError(
-            f"there is no claim '{shown(wanted)}'{meant(wanted, known)}; 'unilateral claims' lists them all"
+            f"there is no claim '{quote_input(claim_id)}'{suggest_name(claim_id, claims_by_id)}; "
+            "'unilateral claims' lists them all"
         )
-    return known[wanted]
+    return claims_by_id[claim_id]

@@ -11,46 +11,48 @@ from typing import Any
 
 import click
 
-from unilateral.cli.arguments import FOLDER, as_json, examples
-from unilateral.cli.guard import DOES_NOT_HOLD, say
+from unilateral.cli.arguments import FOLDER_TYPE, format_examples, json_option
+from unilateral.cli.guard import EXIT_REJECTED, print_result
 
 
-@click.command(epilog=examples("unilateral claims", "unilateral claims 4.12"))
+@click.command(epilog=format_examples("unilateral claims", "unilateral claims 4.12"))
 @click.argument("claim", metavar="[ID]", required=False, help="judge and explain this one, such as 4.12")
 @click.option(
     "--results",
-    type=FOLDER,
+    type=FOLDER_TYPE,
     metavar="FOLDER",
     default="results",
     help="where the study wrote them (default results)",
 )
-@as_json
+@json_option
 def claims(claim: str | None, results: str, json: bool) -> int:
     """Show the verdict on each of the paper's statements.
 
     With an ID that claim is judged anew. Both need the folder of results that `make` writes.
     """
     from study.ledger import listing
-    from unilateral.system.as_json import text as as_text
+    from unilateral.system.json_records import encode_json as as_text
 
     if claim:
         from study.ledger import claims as judge
-        from study.ledger.results import finished
+        from study.ledger.results import open_finished_results
 
-        (judged,) = judge.judge(finished(results), [judge.find(claim)])
-        found, text = [_record(judged.record())], listing.explanation(judged)
+        (judged,) = judge.judge_all(open_finished_results(results), [judge.find_claim(claim)])
+        claim_records = [_complete_record(judged.record())]
+        text = listing.explain_claim(judged)
     else:
-        stored = listing.stored(results)
+        stored = listing.read_claim_records(results)
         width = get_terminal_size().columns if sys.stdout.isatty() else None
-        found, text = [_record(each) for each in stored], "\n".join(listing.table(stored, width))
-    say(as_text({"claims": found}) if json else text)
-    return DOES_NOT_HOLD if any(each["holds"] is False for each in found) else 0
+        claim_records = [_complete_record(record) for record in stored]
+        text = "\n".join(listing.list_claims(stored, width))
+    print_result(as_text({"claims": claim_records}) if json else text)
+    return EXIT_REJECTED if any(record["holds"] is False for record in claim_records) else 0
 
 
-def _record(stored: dict[str, Any]) -> dict[str, Any]:
-    """As stored, with the number that is required without its sign, and whether the claim holds."""
+def _complete_record(stored: dict[str, Any]) -> dict[str, Any]:
+    """A stored record with the number that is required and whether the claim holds."""
     from study.ledger import records, texts
 
     measured = not stored["verdict"].startswith(records.UNMEASURED)
-    holds = records.holds(stored["verdict"]) if measured else None
-    return stored | {"required": texts.required(stored), "holds": holds}
+    holds = records.verdict_holds(stored["verdict"]) if measured else None
+    return stored | {"required": texts.required_number(stored), "holds": holds}

@@ -6,31 +6,32 @@ from pathlib import Path
 from typing import Any
 
 from unilateral.errors import InputError
-from unilateral.system.declarations import own
+from unilateral.system.declarations import read_stored_yaml
 
-SECTIONS = Path(__file__).with_name("sections.yaml")
-FILE = "claims.yaml"
+SECTIONS_FILE = Path(__file__).with_name("sections.yaml")
+CLAIMS_FILE = "claims.yaml"
 """The file in an experiment's folder that declares its claims."""
 
 
-def entries() -> list[dict[str, Any]]:
+def read_entries() -> list[dict[str, Any]]:
     """The claims as they are declared, each with its section, section by section.
 
     Raises InputError unless every claim is declared once and named once in sections.yaml.
     """
-    declared = [entry for file in files() for entry in own(file)["claims"]]
-    sections = own(SECTIONS)
-    known, named = [entry["id"] for entry in declared], [each for ids in sections.values() for each in ids]
-    for each in dict.fromkeys([*known, *named]):
-        if known.count(each) != 1 or named.count(each) != 1:
+    declared = [entry for file in claims_files() for entry in read_stored_yaml(file)["claims"]]
+    sections = read_stored_yaml(SECTIONS_FILE)
+    declared_ids = [entry["id"] for entry in declared]
+    placed_ids = [claim_id for section_ids in sections.values() for claim_id in section_ids]
+    for claim_id in dict.fromkeys([*declared_ids, *placed_ids]):
+        if declared_ids.count(claim_id) != 1 or placed_ids.count(claim_id) != 1:
             raise InputError(
-                f"ledger, claim '{each}': it has to be declared once, in the {FILE} of an experiment, and "
-                "named once in sections.yaml"
+                f"ledger, claim '{claim_id}': it has to be declared once, in the {CLAIMS_FILE} "
+                "of an experiment, and named once in sections.yaml"
             )
-    by_id = dict(zip(known, declared, strict=True))
-    return [by_id[each] | {"section": section} for section, ids in sections.items() for each in ids]
+    by_id = dict(zip(declared_ids, declared, strict=True))
+    return [by_id[claim_id] | {"section": name} for name, ids in sections.items() for claim_id in ids]
 
 
-def files() -> list[Path]:
+def claims_files() -> list[Path]:
     """The files of the experiments' claims, by the names of the experiments."""
-    return sorted(SECTIONS.parents[1].glob(f"experiments/*/{FILE}"))
+    return sorted(SECTIONS_FILE.parents[1].glob(f"experiments/*/{CLAIMS_FILE}"))

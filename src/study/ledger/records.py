@@ -12,7 +12,9 @@ from typing import Any
 from unilateral.errors import StorageError
 
 MANIFEST = "manifest.json"
-FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
+FAILS = "fails"
+UNJUDGED = "not judged"
+UNMEASURED = "nothing to measure"
 """No document may rest on these verdicts; in the last two a reason follows."""
 ORIGINS = {
     "derived": "derived",
@@ -22,33 +24,34 @@ ORIGINS = {
     "after": "set after values had been seen",
 }
 """The origin of a required number, by a short name; a claim's source begins with such a text and a colon."""
-LEAST, PLENTY = 1e-4, 10.0
+MIN_TOLD_MARGIN = 1e-4
+MAX_TOLD_MARGIN = 10.0
 """A margin below the first number or above the second is told as lying below or above it."""
 
 
-def percent(margin: float) -> str:
-    """A margin for readers: no more than two digits, and none beyond LEAST and PLENTY."""
+def format_margin(margin: float) -> str:
+    """A margin for readers: at most two digits, and none where it is too small or too large to tell."""
     margin = float(f"{margin:.2g}")
-    if abs(margin) >= PLENTY:
-        return f"> {100 * PLENTY:.0f} %" if margin > 0 else f"< -{100 * PLENTY:.0f} %"
-    if 0 <= margin < LEAST:
-        return f"< {100 * LEAST:g} %"
+    if abs(margin) >= MAX_TOLD_MARGIN:
+        return f"> {100 * MAX_TOLD_MARGIN:.0f} %" if margin > 0 else f"< -{100 * MAX_TOLD_MARGIN:.0f} %"
+    if 0 <= margin < MIN_TOLD_MARGIN:
+        return f"< {100 * MIN_TOLD_MARGIN:g} %"
     digits = 2 if abs(margin) < 0.01 else 0
     return f"{100 * margin:.{digits}f} %"
 
 
-def holds(verdict: str) -> bool:
+def verdict_holds(verdict: str) -> bool:
     """Whether a sentence may rest on a claim with that verdict."""
     return not verdict.startswith((FAILS, UNJUDGED, UNMEASURED))
 
 
-def counts_against(verdict: str) -> bool:
+def verdict_counts_against(verdict: str) -> bool:
     """Whether there is something to measure and it does not hold."""
     return verdict.startswith((FAILS, UNJUDGED))
 
 
-def read(path: str | os.PathLike[str]) -> Any:
-    """What is stored as JSON, such as the records of `results/claims.json`.
+def read_records(path: str | os.PathLike[str]) -> Any:
+    """Content of a JSON file, such as the claims' records. Raises StorageError if it is damaged.
 
     Raises StorageError for a file that is damaged.
     """
@@ -58,12 +61,12 @@ def read(path: str | os.PathLike[str]) -> Any:
         raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
 
 
-def origin(source: str) -> str:
+def source_origin(source: str) -> str:
     """The short name of where the number comes from. Raises KeyError if it is unknown."""
     return {text: name for name, text in ORIGINS.items()}[source.partition(":")[0]]
 
 
-def listed(folder: str | os.PathLike[str]) -> dict[str, str]:
+def read_listed_digests(folder: str | os.PathLike[str]) -> dict[str, str]:
     """The SHA-256 of the files in a folder of results, by their paths in it; empty without a manifest.
 
     Raises StorageError for a manifest that is none.
@@ -71,21 +74,21 @@ def listed(folder: str | os.PathLike[str]) -> dict[str, str]:
     manifest = Path(folder, MANIFEST)
     if not manifest.is_file():
         return {}
-    found = read(manifest)
+    record = read_records(manifest)
     try:
-        return {of["path"].partition("/")[2]: of["sha256"] for of in found["files"]}
+        return {entry["path"].partition("/")[2]: entry["sha256"] for entry in record["files"]}
     except (KeyError, TypeError, AttributeError) as error:
         raise StorageError(
             f"{manifest} is not the manifest of a study; 'snakemake -j2 -f {manifest}' makes it anew"
         ) from error
 
 
-def check_listed(folder: str | os.PathLike[str], name: str, by: Mapping[str, str]) -> None:
+def check_listed_digest(folder: str | os.PathLike[str], name: str, listed_digests: Mapping[str, str]) -> None:
     """Raises StorageError for a file in the folder of which another SHA-256 is listed."""
     path = Path(folder, name)
-    found = sha256(path.read_bytes()).hexdigest()
-    if (wanted := by.get(name, found)) != found:
+    digest = sha256(path.read_bytes()).hexdigest()
+    if (listed := listed_digests.get(name, digest)) != digest:
         raise StorageError(
-            f"{path} is another version than the study ended with: its SHA-256 is {found[:16]}..., and "
-            f"{Path(folder, MANIFEST)} has {wanted[:16]}...; 'snakemake -j2 -f {path}' makes it anew"
+            f"{path} is another version than the study ended with: its SHA-256 is {digest[:16]}..., and "
+            f"{Path(folder, MANIFEST)} has {listed[:16]}...; 'snakemake -j2 -f {path}' makes it anew"
         )

@@ -7,11 +7,11 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from study.ledger.records import PLENTY, percent
+from study.ledger.records import MAX_TOLD_MARGIN, format_margin
 
-ROUND_OFF = 1e-12
-NONE = "–"
-TEX = {
+ZERO_OBSERVATION = 1e-12
+NO_NUMBER = "–"
+TEX_LETTERS = {
     r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
     r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
     r"\|": "‖", r"\le ": "≤ ", r"\ge ": "≥ ", r"\sim": "~", r"\inf": "inf", r"\in ": "in ",
@@ -20,44 +20,45 @@ TEX = {
     r"\cdot": "·", r"\partial": "∂", r"\nu": "ν", r"\pi": "π", r"\omega": "ω", r"\sqrt": "√", r"\,": " ",
     r"\to": "→", r"\ln": "ln", r"\kappa": "κ", "$": "",
 }  # fmt: skip
-GREEK = {
+GREEK_LETTERS = {
     "alpha": "α", "beta": "β", "gamma": "γ", "epsilon": "ε", "lambda": "λ", "mu": "μ", "nu": "ν", "rho": "ρ",
     "sigma": "σ", "omega": "ω", "tau": "τ", "pi": "π", "Pi": "Π",
 }  # fmt: skip
 
 
-def plain(text: str) -> str:
+def strip_tex(text: str) -> str:
     """A text for the terminal: TeX's commands as letters, and its groups in parentheses."""
-    for command, letter in TEX.items():
+    for command, letter in TEX_LETTERS.items():
         text = text.replace(command, letter)
     return re.sub(r"\{(.)\}|(?<=_)\{([a-z]+)\}", r"\1\2", text).replace("{", "(").replace("}", ")")
 
 
-def letters(text: str) -> str:
+def replace_greek(text: str) -> str:
     """A text without TeX, with the names of Greek letters as letters, and comparisons as signs."""
-    for name, letter in GREEK.items():
+    for name, letter in GREEK_LETTERS.items():
         text = re.sub(rf"(?<![a-zA-Z]){name}(?![a-zA-Z])", letter, text)
     return text.replace(">=", "≥").replace("<=", "≤").replace("->", "→")
 
 
-def observed(record: Mapping[str, Any]) -> str:
-    """What was observed and what is required of it, such as 1.03 ≥ 0.9; a dash if nothing was.
+def describe_observation(record: Mapping[str, Any]) -> str:
+    """Observed and required number of a record, such as 1.03 ≥ 0.9; a dash if nothing was observed.
 
     Three digits, but none of what is round-off, or eleven times what is required.
     """
     if record["observed"] is None:
-        return NONE
-    value, much = record["observed"], abs(record["margin"]) >= PLENTY
-    shown = "much more" if much else f"{value:.3g}"
-    return letters(f"{'0' if abs(value) <= ROUND_OFF else shown} {record['expected']}")
+        return NO_NUMBER
+    value = record["observed"]
+    is_far = abs(record["margin"]) >= MAX_TOLD_MARGIN
+    number = "much more" if is_far else f"{value:.3g}"
+    return replace_greek(f"{'0' if abs(value) <= ZERO_OBSERVATION else number} {record['expected']}")
 
 
-def margin(record: Mapping[str, Any]) -> str:
+def describe_margin(record: Mapping[str, Any]) -> str:
     """The margin of a record; a dash if there is none, or 0 is required, to which nothing is relative."""
-    known = record["margin"] is not None and math.isfinite(record["margin"])
-    return percent(record["margin"]) if known and required(record) != 0 else NONE
+    is_finite = record["margin"] is not None and math.isfinite(record["margin"])
+    return format_margin(record["margin"]) if is_finite and required_number(record) != 0 else NO_NUMBER
 
 
-def required(record: Mapping[str, Any]) -> float | None:
+def required_number(record: Mapping[str, Any]) -> float | None:
     """The number that is required, without its sign; None where nothing is."""
     return None if record["expected"] is None else float(record["expected"].split()[1])

@@ -11,11 +11,15 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from study import style
 from study.ledger import records
 
-ROW, ABOVE, BELOW = 0.42, 1.6, 1.7
+CLAIM_ROW_CM = 0.42
+LEGEND_HEIGHT_CM = 1.6
+PANEL_BOTTOM_CM = 1.7
 """The heights in cm of a row, of the legend, and of the axis with the note."""
-IDS, WORDS, SCALE = 1.25, 5.3, 2.75
+ID_WIDTH_CM = 1.25
+TITLE_WIDTH_CM = 5.3
+PANEL_WIDTH_CM = 2.75
 """The widths in cm of the ids, of the ids with the titles, and of the axis."""
-KINDS = {
+VERDICT_MARKS = {
     "holds": ("o", style.COLOURS[0]),
     "holds, and is sharp": ("s", style.COLOURS[2]),
     "needs a condition that is left out": ("^", style.COLOURS[1]),
@@ -25,7 +29,7 @@ KINDS = {
     "not judged": ("P", "red"),
     "fails": ("*", "red"),
 }
-BEGINNINGS = {
+KIND_BY_BEGINNING = {
     records.FAILS: "fails",
     records.UNJUDGED: "not judged",
     "is an error": "is an error of the source",
@@ -38,14 +42,25 @@ BEGINNINGS = {
 
 def table(claims: style.FilePath) -> pd.DataFrame:
     """One row per claim that has a check: id, title, kind of its verdict, margin, within the axis' limits."""
-    measured = [each for each in records.read(claims) if not each["verdict"].startswith(records.UNMEASURED)]
-    found = pd.DataFrame(measured)
-    margin = found["margin"].astype(float).fillna(records.LEAST).clip(records.LEAST, records.PLENTY)
-    return found[["id", "title"]].assign(kind=found["verdict"].map(_kind), margin=margin)
+    measured = [
+        record
+        for record in records.read_records(claims)
+        if not record["verdict"].startswith(records.UNMEASURED)
+    ]
+    claims_table = pd.DataFrame(measured)
+    margin = (
+        claims_table["margin"]
+        .astype(float)
+        .fillna(records.MIN_TOLD_MARGIN)
+        .clip(records.MIN_TOLD_MARGIN, records.MAX_TOLD_MARGIN)
+    )
+    return claims_table[["id", "title"]].assign(
+        kind=claims_table["verdict"].map(_verdict_kind), margin=margin
+    )
 
 
-def _kind(verdict: str) -> str:
-    for start, kind in BEGINNINGS.items():
+def _verdict_kind(verdict: str) -> str:
+    for start, kind in KIND_BY_BEGINNING.items():
         if verdict.startswith(start):
             return kind
     return "holds, and is sharp" if re.search(r"(?<!not )\bsharp\b", verdict) else "holds"
@@ -56,45 +71,48 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 
     Columns: id and title of the claim, kind (of the verdict), margin (relative, within the axis).
     """
-    data = style.read(csv_path)
+    data = style.read_figure_table(csv_path)
     half = (len(data) + 1) // 2
-    height = ROW * half + ABOVE + BELOW
-    least, most = data["margin"].min(), data["margin"].max()
-    with style.figure_in(svg_path, height) as figure:
-        for left, rows in ((0.1, data[:half]), (8.8, data[half:])):
-            axes = style.axes_at(figure, left + WORDS, BELOW, SCALE, ROW * half)
-            _panel(axes, rows, half)
-            axes.set_xlim(least / 1.6, most * 1.6)
-        marks = {kind: mark for kind, mark in KINDS.items() if kind in set(data["kind"])}
+    height = CLAIM_ROW_CM * half + LEGEND_HEIGHT_CM + PANEL_BOTTOM_CM
+    smallest = data["margin"].min()
+    largest = data["margin"].max()
+    with style.open_figure(svg_path, height) as figure:
+        for left_cm, rows in ((0.1, data[:half]), (8.8, data[half:])):
+            axes = style.add_axes(
+                figure, left_cm + TITLE_WIDTH_CM, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, CLAIM_ROW_CM * half
+            )
+            _draw_claims(axes, rows, half)
+            axes.set_xlim(smallest / 1.6, largest * 1.6)
+        marks = {kind: mark for kind, mark in VERDICT_MARKS.items() if kind in set(data["kind"])}
         handles = [
-            style.key(kind, ls="", marker=mark, color=colour, mec="white")
+            style.legend_entry(kind, ls="", marker=mark, color=colour, mec="white")
             for kind, (mark, colour) in marks.items()
         ]
-        style.legend(figure, handles, 0.1, height, ncols=3, borderpad=None, borderaxespad=None)
-        ends = f"below {least:g} and above {most:g} they are drawn there"
-        told = f"Margins are relative to what is required; {ends}; counts that have to be 0 have none."
-        style.note(figure, told)
+        style.add_legend(figure, handles, 0.1, height, ncols=3, borderpad=None, borderaxespad=None)
+        ends = f"below {smallest:g} and above {largest:g} they are drawn there"
+        note = f"Margins are relative to what is required; {ends}; counts that have to be 0 have none."
+        style.add_note(figure, note)
 
 
-def _panel(axes: Axes, rows: pd.DataFrame, places: int) -> None:
+def _draw_claims(axes: Axes, rows: pd.DataFrame, n_places: int) -> None:
     """Draw the rows, from the top of a panel with so many places."""
-    heights = [places - 1 - k for k in range(len(rows))]
+    heights = [n_places - 1 - k for k in range(len(rows))]
     beside: style.Look = {
         "transform": axes.get_yaxis_transform(),
-        "fontsize": style.SMALL,
+        "fontsize": style.SMALL_FONT_POINTS,
         "va": "center_baseline",
     }
     for y, row in zip(heights, rows.itertuples(), strict=True):
-        marker, colour = KINDS[row.kind]
+        marker, colour = VERDICT_MARKS[row.kind]
         axes.plot(row.margin, y, marker, color=colour, ms=5.5, mec="white", mew=0.5)
-        for left, text in ((0, row.id), (IDS, row.title)):
-            axes.text((left - WORDS) / SCALE, y, text, **beside)
+        for left_cm, text in ((0, row.id), (ID_WIDTH_CM, row.title)):
+            axes.text((left_cm - TITLE_WIDTH_CM) / PANEL_WIDTH_CM, y, text, **beside)
     axes.set_yticks(heights, [])
     axes.tick_params(left=False)
-    axes.set_ylim(-0.7, places - 0.3)
+    axes.set_ylim(-0.7, n_places - 0.3)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(100))
     axes.xaxis.set_minor_locator(LogLocator(10))
     axes.xaxis.set_minor_formatter(NullFormatter())
-    style.light_grid(axes)
+    style.draw_light_grid(axes)
     axes.set_xlabel("relative margin")

@@ -6,35 +6,35 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from unilateral.adaptive.goal import MAX_SECONDS, Goal
-from unilateral.adaptive.level import Level, discrete_norm, judge_by
-from unilateral.adaptive.marking import LAMBDA_RATE, LARGEST_STEP, TARGET_PART, adapts, evenness
-from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
+from unilateral.adaptive.goal import DEFAULT_MAX_SECONDS, Goal
+from unilateral.adaptive.level import Level, discrete_norm, judge_for_goal
+from unilateral.adaptive.marking import LAMBDA_RATE, MAX_TRIANGLE_RATIO, TARGET_SHARE, evenness, should_adapt
+from unilateral.discrete.choice import SHARP_BOUND_BYTES, SPARSE_BYTES, wants_multigrid
 from unilateral.errors import BudgetError
 from unilateral.geometry.polygon import Polygon
 from unilateral.system.memory import available_mb, peak_mb
 
-NEIGHBOURS = 1.15
+NEIGHBOUR_RATIO = 1.15
 """A mesh gets this many times the predicted triangles, because neighbours are refined, too."""
-FREE_MEMORY_PART = 0.8
+FREE_MEMORY_SHARE = 0.8
 """The next level may take this fraction of the free memory, beside what the last one still has."""
-BYTES_BY_MULTIGRID = 1100
+MULTIGRID_LEVEL_BYTES = 1100
 """Bytes per unknown of a level by multigrid, with its cheap bound, as measured with 1e6 unknowns."""
 BYTES_PER_MB = 2**20
 OVERHEAD_UNKNOWNS = 2000
 """A level takes as long as one of this many more unknowns would, if time were proportional to these."""
-PLAN_UNKNOWNS = 2000
+MIN_PLAN_UNKNOWNS = 2000
 """Levels show what the rest takes from so many unknowns on."""
-BELIEVED_RATES = (0.25, 2.0)
+RATE_LIMITS = (0.25, 2.0)
 """An observed rate is believed only as far as it lies between these two."""
-ADAPTED_OVER_BEST = 1.2
+ADAPTED_TRIANGLE_RATIO = 1.2
 """An adapted mesh has this many times the triangles of the best distribution."""
-HOPELESS = 10.0
+HOPELESS_UNKNOWNS_RATIO = 10.0
 """An accuracy is out of reach if it needs more than this many times the unknowns that the limits allow.
 
 A plan was right within 2 for u, and within 3 for lambda.
 """
-LARGEST_QUOTIENT = 1e30
+MAX_ERROR_QUOTIENT = 1e30
 """Bounds above this many times the wanted error are not told apart, so that their powers are finite."""
 
 
@@ -57,44 +57,51 @@ def find_limits(goal: Goal, base_mb: float) -> tuple[tuple[str, float], ...]:
 
     Beside the `base_mb` that a level takes whatever its size, a part of the free memory may be used.
     """
-    most_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
-    most_mb = base_mb + FREE_MEMORY_PART * available_mb()
-    memory = f"{most_mb:.0f} MB of this machine's memory"
-    if goal.max_memory is not None and goal.max_memory <= most_mb:
-        most_mb = goal.max_memory
-        memory = f"max_memory={most_mb:g}"
-    most_seconds = MAX_SECONDS if goal.max_seconds is None else goal.max_seconds
+    max_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    max_mb = base_mb + FREE_MEMORY_SHARE * available_mb()
+    memory = f"{max_mb:.0f} MB of this machine's memory"
+    if goal.max_memory is not None and goal.max_memory <= max_mb:
+        max_mb = goal.max_memory
+        memory = f"max_memory={max_mb:g}"
+    max_seconds = DEFAULT_MAX_SECONDS if goal.max_seconds is None else goal.max_seconds
     by_default = " by default" if goal.max_seconds is None else ""
     return (
-        (f"max_unknowns={most_unknowns:.0f}", most_unknowns),
-        (memory, most_mb),
-        (f"max_seconds={most_seconds:g}{by_default}", most_seconds),
+        (f"max_unknowns={max_unknowns:.0f}", max_unknowns),
+        (memory, max_mb),
+        (f"max_seconds={max_seconds:g}{by_default}", max_seconds),
     )
 
 
 def check_limits(polygon: Polygon, goal: Goal, elapsed: float) -> None:
     """Raises BudgetError where the memory or the seconds are already used up before the first level."""
     mb = peak_mb()
-    for (name, most), used in zip(find_limits(goal, mb), (0.0, mb, elapsed), strict=True):
-        if used >= most:
+    for (name, limit), used in zip(find_limits(goal, mb), (0.0, mb, elapsed), strict=True):
+        if used >= limit:
             raise BudgetError(f"{name} is not enough to solve on the coarsest mesh of '{polygon.name}'")
 
 
-def allowed_unknowns(levels: Sequence[Level], part: float = 1.0) -> dict[str, float]:
+def allowed_unknowns(levels: Sequence[Level], share: float = 1.0) -> dict[str, float]:
     """The unknowns that each limit allows the next level to have, by the name of the limit.
 
-    Of those that memory and seconds are predicted to allow it is that `part`.
+    Of those that memory and seconds are predicted to allow it is that `share`.
     """
     last = levels[-1]
     base_mb = predict_mb(levels, 0.0)
-    (unknowns, most), (memory, most_mb), (time, most_seconds) = find_limits(last.goal, base_mb)
-    in_memory = (most_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
-    left = most_seconds - last.elapsed
+    (unknowns_name, max_unknowns), (memory_name, max_mb), (time_name, max_seconds) = find_limits(
+        last.goal, base_mb
+    )
+    # memory: what the last level left of it; time: start + seconds_per_unknown n <= what is left of it
+    in_memory = (max_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
+    remaining = max_seconds - last.elapsed
     start, seconds_per_unknown = observe_seconds(levels)
-    in_time = (left - start) / seconds_per_unknown
+    in_time = (remaining - start) / seconds_per_unknown
     if len(levels) == 1:  # in which code is loaded, so that its time says nothing of the next one
-        in_time = math.inf if left > 0 else 0.0
-    return {unknowns: most, memory: part * max(in_memory, 0.0), time: part * max(in_time, 0.0)}
+        in_time = math.inf if remaining > 0 else 0.0
+    return {
+        unknowns_name: max_unknowns,
+        memory_name: share * max(in_memory, 0.0),
+        time_name: share * max(in_time, 0.0),
+    }
 
 
 def observe_seconds(levels: Sequence[Level]) -> tuple[float, float]:
@@ -105,14 +112,14 @@ def observe_seconds(levels: Sequence[Level]) -> tuple[float, float]:
     last = levels[-1]
     # Solving and bounding: proportional to the unknowns and those of the overhead
     later = levels[1:] or levels
-    solving = sum(level.seconds - level.enclosing for level in later)
+    solving = sum(level.seconds - level.enclosing_seconds for level in later)
     solving /= sum(level.unknowns + OVERHEAD_UNKNOWNS for level in later)
     # Enclosing f: it goes on to grow as it did with the last level, at least not to fall
     enclosing = 0.0
     new_unknowns = last.unknowns - levels[-2].unknowns if len(levels) > 1 else 0
     if new_unknowns > 0:  # a division that halves no triangle makes none
-        enclosing = max((last.enclosing - levels[-2].enclosing) / new_unknowns, 0.0)
-    start = last.enclosing - enclosing * last.unknowns + solving * OVERHEAD_UNKNOWNS
+        enclosing = max((last.enclosing_seconds - levels[-2].enclosing_seconds) / new_unknowns, 0.0)
+    start = last.enclosing_seconds - enclosing * last.unknowns + solving * OVERHEAD_UNKNOWNS
     return start, solving + enclosing
 
 
@@ -124,16 +131,18 @@ def predict_seconds(levels: Sequence[Level], unknowns: float) -> float:
 
 def bytes_per_unknown(goal: Goal) -> float:
     """The bytes that an unknown takes in a level."""
-    return (BYTES_BY_MULTIGRID if wants_multigrid(goal.stop, math.inf) else SPARSE) + SHARP * goal.sharp
+    return (
+        MULTIGRID_LEVEL_BYTES if wants_multigrid(goal.stop, math.inf) else SPARSE_BYTES
+    ) + SHARP_BOUND_BYTES * goal.sharp
 
 
 def predict_mb(levels: Sequence[Level], unknowns: float) -> float:
     """The MB of the process in a next level with so many unknowns."""
     mb_per_unknown = bytes_per_unknown(levels[-1].goal) / BYTES_PER_MB
-    return max(level.mb + mb_per_unknown * (unknowns - level.unknowns) for level in levels)
+    return max(level.peak_mb + mb_per_unknown * (unknowns - level.unknowns) for level in levels)
 
 
-def plan(levels: Sequence[Level]) -> Plan | None:
+def make_plan(levels: Sequence[Level]) -> Plan | None:
     """The plan, or None if the size of the solution or of the error is not known at all."""
     last = levels[-1]
     sizes = predict_sizes(levels)
@@ -143,13 +152,15 @@ def plan(levels: Sequence[Level]) -> Plan | None:
     seconds = last.elapsed + sum(predict_seconds(levels, size) for size in sizes)
     mb = predict_mb(levels, unknowns)
     limits = find_limits(last.goal, predict_mb(levels, 0.0))
-    missed = [name for (name, most), used in zip(limits, (unknowns, mb, seconds), strict=True) if used > most]
-    return Plan(adapts(last), round(unknowns), seconds, mb, tuple(missed))
+    missed = [
+        name for (name, limit), used in zip(limits, (unknowns, mb, seconds), strict=True) if used > limit
+    ]
+    return Plan(should_adapt(last), round(unknowns), seconds=seconds, peak_mb=mb, missed=tuple(missed))
 
 
 def show_costs(levels: Sequence[Level]) -> bool:
     """Whether the levels are enough for a plan: large, and more than the first, in which code is loaded."""
-    return len(levels) > 1 and levels[-1].unknowns >= PLAN_UNKNOWNS
+    return len(levels) > 1 and levels[-1].unknowns >= MIN_PLAN_UNKNOWNS
 
 
 def is_hopeless(levels: Sequence[Level]) -> bool:
@@ -157,10 +168,10 @@ def is_hopeless(levels: Sequence[Level]) -> bool:
 
     Bounds are taken to fall like H at least, because on coarse meshes they may seem to stand still.
     """
-    if levels[-1].goal.limited or levels[-1].certified or not show_costs(levels):
+    if levels[-1].goal.has_limits or levels[-1].certified or not show_costs(levels):
         return False
-    needed = predict_unknowns(levels, least_rate=1.0)
-    return math.isfinite(needed) and needed > HOPELESS * min(allowed_unknowns(levels).values())
+    needed = predict_unknowns(levels, min_rate=1.0)
+    return math.isfinite(needed) and needed > HOPELESS_UNKNOWNS_RATIO * min(allowed_unknowns(levels).values())
 
 
 def reachable_accuracy(levels: Sequence[Level]) -> float | None:
@@ -171,49 +182,55 @@ def reachable_accuracy(levels: Sequence[Level]) -> float | None:
     last = levels[-1]
     goal = last.goal
     share = last.total / last.size if last.size > 0 else 1.0
-    reached = min(last.total, LARGEST_QUOTIENT) if goal.absolute else min(share, 1.0)
+    reached = min(last.total, MAX_ERROR_QUOTIENT) if goal.absolute else min(share, 1.0)
     if not reached > 0:
         return None
     exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
     for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
         if goal.accuracy < accuracy < reached:
-            planned = plan([*levels[:-1], judge_by(last, replace(goal, accuracy=accuracy))])
+            planned = make_plan([*levels[:-1], judge_for_goal(last, replace(goal, accuracy=accuracy))])
             if planned and not planned.missed:
                 return accuracy
     return None
 
 
-def predict_unknowns(levels: Sequence[Level], least_rate: float = 0.0) -> float:
+def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
     """The unknowns that the last mesh needs, infinite if unknown.
 
     On uniform meshes the bound is taken to fall on at the rate that was observed, or at the least one.
     """
     last = levels[-1]
     goal = last.goal
-    wanted = goal.accuracy
+    target = goal.accuracy
     if not goal.absolute:  # of a solution whose norm is the discrete one's less the error that is wanted
-        wanted *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
-    if wanted <= 0 or not math.isfinite(last.total):
+        target *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
+    if target <= 0 or not math.isfinite(last.total):
         return math.inf
-    quotient = min(last.total / wanted, LARGEST_QUOTIENT)
-    if adapts(last) and goal.norm == "hm12":
+    # the bound has to fall by the quotient: like n^{-LAMBDA_RATE}, like n^{-1/2}, or like H^rate, n ~ H^{-2}
+    quotient = min(last.total / target, MAX_ERROR_QUOTIENT)
+    if should_adapt(last) and goal.norm == "hm12":
         return last.unknowns * quotient ** (1 / LAMBDA_RATE)
-    if adapts(last):
-        return last.unknowns * quotient**2 * ADAPTED_OVER_BEST * evenness(last.solved.shares)
+    if should_adapt(last):
+        return last.unknowns * quotient**2 * ADAPTED_TRIANGLE_RATIO * evenness(last.solved.bound_shares)
     rate = observed_rate(levels)
-    rate = 1.0 if math.isnan(rate) else max(rate, least_rate)
-    return last.unknowns * (quotient / TARGET_PART) ** (2 / rate)
+    rate = 1.0 if math.isnan(rate) else max(rate, min_rate)
+    return last.unknowns * (quotient / TARGET_SHARE) ** (2 / rate)
 
 
 def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
-    """The unknowns of the levels that are still to come, None if unknown."""
+    """The unknowns of the levels that are still to come, None if unknown.
+
+    A forecast: the last is what the target needs, though uniform meshes can only be quartered.
+    """
     last = levels[-1]
     if last.certified:
         return []
     needed = predict_unknowns(levels)
     if not math.isfinite(needed):
         return None
-    step = LARGEST_STEP if adapts(last) else 4.0
+    # the sizes grow by one factor from level to level, the last one is what is needed;
+    # a uniform refinement quarters triangles; an adapted one grows by the most it may
+    step = MAX_TRIANGLE_RATIO if should_adapt(last) else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]
 
@@ -224,4 +241,4 @@ def observed_rate(levels: Sequence[Level]) -> float:
         return math.nan
     coarse, fine = levels[-2:]
     rate = math.log(coarse.total / fine.total) / math.log(coarse.partition.H / fine.partition.H)
-    return min(max(rate, BELIEVED_RATES[0]), BELIEVED_RATES[1])
+    return min(max(rate, RATE_LIMITS[0]), RATE_LIMITS[1])

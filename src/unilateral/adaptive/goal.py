@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from unilateral.errors import InputError, shown
+from unilateral.errors import InputError, quote_input
 from unilateral.solvers.stop import Stop
 
-NORMS = ("h1", "hm12")
+GOAL_NORMS = ("h1", "hm12")
 """The norms of an accuracy: that of u in H1, and that of lambda in H^{-1/2}."""
-ACCURACY = 0.05
+DEFAULT_ACCURACY = 0.05
 """The relative error to reach where neither sizes nor an accuracy are given."""
-MAX_SECONDS = 600.0
+DEFAULT_MAX_SECONDS = 600.0
 """The seconds for all levels together, where no limit is given."""
 
 
@@ -53,8 +53,8 @@ class Goal:
     stop: Stop = field(default_factory=Stop)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.norm, str) or self.norm not in NORMS:
-            raise InputError(f"the norm '{shown(self.norm)}' is none of {', '.join(NORMS)}")
+        if not isinstance(self.norm, str) or self.norm not in GOAL_NORMS:
+            raise InputError(f"the norm '{quote_input(self.norm)}' is none of {', '.join(GOAL_NORMS)}")
         if not 0 < self.accuracy < math.inf:
             raise InputError(f"the accuracy {self.accuracy:g} must be a positive number, such as 1e-2")
         if self.accuracy >= 1 and not self.absolute:
@@ -74,11 +74,11 @@ class Goal:
         }
 
     @property
-    def limited(self) -> bool:
+    def has_limits(self) -> bool:
         """Whether a limit was given, which is then used up."""
         return any(limit is not None for limit in self.limits.values())
 
     @property
-    def adaptable(self) -> bool:
+    def can_adapt(self) -> bool:
         """Whether meshes need not be uniform: no kind and no algorithm was asked for."""
         return not self.kind and self.stop.algorithm == "auto" and self.stop.rho is None

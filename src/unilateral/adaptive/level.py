@@ -8,21 +8,21 @@ from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import Goal
 from unilateral.bounds.local_bounds import Bound
-from unilateral.bounds.residual_norm import SUMS, underflow
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.formulas.decimals import interval
+from unilateral.formulas.decimals import format_interval
 from unilateral.geometry.partition import Partition
 
 CONTRADICTED = "bounds contradict each other"
 WITHOUT_CONTACT = "lambda_H is 0, so a relative error has no meaning; ask for an absolute accuracy"
-NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
+ITERATION_NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 NOT_ENCLOSED = "f or g varies too fast or has terms that cancel"
 BELOW_ROUNDING = "double precision allows no error as small as that"
 ALGEBRAIC_SHARE = 0.1
 """The part of the wanted error that the iteration may have."""
-ROUNDING_PART = 1e-10
+ROUNDING_SHARE = 1e-10
 """What stays unknown of f, g and q is taken for rounding up to this part of the solution's norm."""
-CONTACT_UNKNOWNS = 4_000
+MIN_CONTACT_UNKNOWNS = 4_000
 """From this many unknowns on, contact that is not seen is taken for none."""
 ZERO_SOLUTION_BOUND = 1e-140
 """Where u_h is 0, a bound up to this counts as no error, because no error is a fraction of 0."""
@@ -30,7 +30,7 @@ ZERO_SOLUTION_BOUND = 1e-140
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal, what it took, and what its bound says of the goal; see `measure_level`.
+    """One solve towards a goal, what it took, and what its bound says of the goal.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Level:
         The solution.
     goal
         What is wanted.
-    predicted
+    predicted_total
         The bound as the level before predicted it, infinite for the first level.
     partition, unknowns
         The multiplier's partition, and the number of the mesh's nodes.
@@ -52,7 +52,7 @@ class Level:
         A lower bound on the solution's norm.
     target
         The error that is wanted, as far as this level knows the solution's norm.
-    nothing
+    zero_solution_error
         The error that counts as none where every number of the discrete solution is 0.
     certified
         Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
@@ -60,9 +60,9 @@ class Level:
         The time of the level, with that for its mesh and its bound.
     elapsed
         The seconds from the beginning to the end of this level.
-    mb
+    peak_mb
         The peak memory of the process during the level.
-    enclosing
+    enclosing_seconds
         The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     next_unknowns, next_seconds
         What the next level will have and take, as predicted; 0 if there is none.
@@ -70,7 +70,7 @@ class Level:
 
     solved: DiscreteSolution
     goal: Goal
-    predicted: float
+    predicted_total: float
     partition: Partition
     unknowns: int
     bound: Bound | None
@@ -78,36 +78,39 @@ class Level:
     algebraic: float
     size: float
     target: float
-    nothing: float
+    zero_solution_error: float
     certified: bool
     seconds: float = 0.0
     elapsed: float = 0.0
-    mb: float = 0.0
-    enclosing: float = 0.0
+    peak_mb: float = 0.0
+    enclosing_seconds: float = 0.0
     next_unknowns: float = 0.0
     next_seconds: float = 0.0
 
     def __repr__(self) -> str:
-        return f"Level: {self.unknowns} unknowns, the error is {interval(-math.inf, self.total, spec='.3g')}"
+        error = format_interval(-math.inf, self.total, spec=".3g")
+        return f"Level: {self.unknowns} unknowns, the error is {error}"
 
 
-def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.inf) -> Level:
+def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float = math.inf) -> Level:
     """The level of a solution: its bound is computed here, and judged by the goal."""
     mesh = solved.mesh
-    total = solved.total(goal.norm, goal.sharp)
-    algebraic = solved.algebraic(goal.norm)
-    size = solved.size(goal.norm, goal.sharp)
-    target = wanted_error(goal, size, discrete_norm(solved, goal))
-    nothing = max(ZERO_SOLUTION_BOUND, 2 * mesh.growth * underflow(mesh, solved.form))
+    total = solved.total_bound(goal.norm, goal.sharp)
+    algebraic = solved.algebraic_bound(goal.norm)
+    size = solved.norm_lower_bound(goal.norm, goal.sharp)
+    target = target_error(goal, size, discrete_norm(solved, goal))
+    zero_solution_error = max(
+        ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form)
+    )
 
     # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
-    wanted = goal.accuracy if goal.absolute else goal.accuracy * size
-    wanted = wanted if target else nothing
-    certified = total <= wanted and algebraic <= ALGEBRAIC_SHARE * wanted
+    max_error = goal.accuracy if goal.absolute else goal.accuracy * size
+    max_error = max_error if target else zero_solution_error
+    certified = total <= max_error and algebraic <= ALGEBRAIC_SHARE * max_error
     return Level(
         solved=solved,
         goal=goal,
-        predicted=predicted,
+        predicted_total=predicted_total,
         partition=solved.partition,
         unknowns=mesh.n_nodes,
         bound=solved.bound(goal.sharp),
@@ -115,23 +118,23 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.
         algebraic=algebraic,
         size=size,
         target=target,
-        nothing=nothing,
+        zero_solution_error=zero_solution_error,
         certified=certified,
     )
 
 
-def judge_by(level: Level, goal: Goal) -> Level:
+def judge_for_goal(level: Level, goal: Goal) -> Level:
     """The level with another goal; what it took stays."""
     return replace(
-        measure_level(level.solved, goal, level.predicted),
+        measure_level(level.solved, goal, level.predicted_total),
         seconds=level.seconds,
         elapsed=level.elapsed,
-        mb=level.mb,
-        enclosing=level.enclosing,
+        peak_mb=level.peak_mb,
+        enclosing_seconds=level.enclosing_seconds,
     )
 
 
-def wanted_error(goal: Goal, size: float, discrete_norm: float) -> float:
+def target_error(goal: Goal, size: float, discrete_norm: float) -> float:
     """The accuracy times a lower bound `size` on the solution's norm.
 
     If that lower bound is 0 the discrete norm takes its place. An absolute accuracy is the wanted error
@@ -149,15 +152,15 @@ def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:
 
 def lacks_contact(level: Level) -> bool:
     """Whether lambda_H is 0 although an error relative to it is wanted, on a mesh that is not coarse."""
-    return level.target == 0 and level.goal.norm == "hm12" and level.unknowns >= CONTACT_UNKNOWNS
+    return level.target == 0 and level.goal.norm == "hm12" and level.unknowns >= MIN_CONTACT_UNKNOWNS
 
 
-def unknowable(level: Level) -> bool:
+def is_limited_by_data(level: Level) -> bool:
     """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
-    return level.bound is not None and level.bound.irreducible > level.target > 0
+    return level.bound is not None and level.bound.irreducible_remainder > level.target > 0
 
 
-def uncontradicted(levels: Sequence[Level]) -> list[Level]:
+def select_consistent(levels: Sequence[Level]) -> list[Level]:
     """The levels whose bounds no other level's contradict; of two that contradict, none is believed."""
     return [a for a in levels if not any(contradict(a, b) for b in levels if b is not a)]
 
@@ -169,30 +172,34 @@ def contradict(a: Level, b: Level) -> bool:
     sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     form = a.solved.form
-    of_u = math.inf
-    of_lambda = math.inf
+    u_factor = math.inf
+    lambda_factor = math.inf
+    # |int v| <= u_factor ||v||, |<mu, 1>| <= lambda_factor ||mu||_{-1/2}
     if not form.clamped:
         area = a.partition.polygon.area
-        of_u = math.sqrt(area / form.c)
-        of_lambda = math.sqrt(area * form.c)
+        u_factor = math.sqrt(area / form.c)
+        lambda_factor = math.sqrt(area * form.c)
     u_bound = lambda_bound = math.inf
     if a.bound and b.bound:
         u_bound = a.bound.u + b.bound.u
         lambda_bound = a.bound.lambda_ + b.bound.lambda_
-    pairs = (
+    comparisons = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
-        (a.solved.u_integral, b.solved.u_integral, of_u * u_bound),
-        (a.solved.force, b.solved.force, of_lambda * lambda_bound),
+        (a.solved.u_integral, b.solved.u_integral, u_factor * u_bound),
+        (a.solved.force, b.solved.force, lambda_factor * lambda_bound),
     )
     # Norms on the exact meshes differ from the computed ones by their growth, and by rounding
-    rounding = (1 + SUMS) * a.solved.mesh.growth * b.solved.mesh.growth - 1
-    return any(abs(x - y) > (1 + SUMS) * bound + rounding * max(abs(x), abs(y)) for x, y, bound in pairs)
+    rounding = (1 + SQUARES_ROUNDING) * a.solved.mesh.exact_mesh_factor * b.solved.mesh.exact_mesh_factor - 1
+    return any(
+        abs(x - y) > (1 + SQUARES_ROUNDING) * bound + rounding * max(abs(x), abs(y))
+        for x, y, bound in comparisons
+    )
 
 
 def find_fault(levels: Sequence[Level]) -> str:
     """Why finer meshes do not help; empty if they may, and if the last level is certified."""
     last = levels[-1]
-    if len(uncontradicted(levels)) < len(levels):
+    if len(select_consistent(levels)) < len(levels):
         return CONTRADICTED
     if last.certified:
         return ""
@@ -200,8 +207,8 @@ def find_fault(levels: Sequence[Level]) -> str:
         return WITHOUT_CONTACT
     # where the algebraic error hardly counts, finer meshes do help
     if not last.solved.result.converged and last.algebraic > ALGEBRAIC_SHARE * last.total:
-        return NOT_CONVERGED
-    if last.bound is None or not unknowable(last):
+        return ITERATION_NOT_CONVERGED
+    if last.bound is None or not is_limited_by_data(last):
         return ""
-    rounding = ROUNDING_PART * discrete_norm(last.solved, last.goal)
-    return NOT_ENCLOSED if last.bound.irreducible > rounding else BELOW_ROUNDING
+    rounding = ROUNDING_SHARE * discrete_norm(last.solved, last.goal)
+    return NOT_ENCLOSED if last.bound.irreducible_remainder > rounding else BELOW_ROUNDING

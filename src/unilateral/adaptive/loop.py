@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from unilateral.adaptive.forecast import (
-    NEIGHBOURS,
+    NEIGHBOUR_RATIO,
     Plan,
     allowed_unknowns,
     check_limits,
     is_hopeless,
-    plan,
+    make_plan,
     predict_seconds,
     reachable_accuracy,
     show_costs,
@@ -34,43 +34,42 @@ from unilateral.adaptive.level import (
     discrete_norm,
     find_fault,
     measure_level,
-    uncontradicted,
-    wanted_error,
+    select_consistent,
+    target_error,
 )
 from unilateral.adaptive.marking import (
-    LEAST_ADAPTED,
-    LEAST_STEP,
+    MIN_ADAPTED_UNKNOWNS,
+    MIN_TRIANGLE_RATIO,
     Division,
+    choose_target_division,
     divide_by_shares,
-    least_unknowns,
-    wanted_division,
+    min_unknowns,
 )
-from unilateral.bounds.mesh_data import enclose_data
-from unilateral.discrete.base import AIM, DiscreteProblem
-from unilateral.discrete.choice import check_condensed, wants_multigrid
+from unilateral.bounds.enclosed_data import enclose_data
+from unilateral.discrete.base import RETRY_TOLERANCE_SHARE, DiscreteProblem
+from unilateral.discrete.choice import check_condensing_memory, wants_multigrid
 from unilateral.discrete.condensed import discretise
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import InputError, counted
+from unilateral.errors import InputError, pluralise
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.adapted import AdaptedMesh, adapted
-from unilateral.geometry.adapted import divided as divided_mesh
+from unilateral.geometry.adapted import AdaptedMesh, halve_triangle_edges, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import halved_cells, natural_kind
+from unilateral.geometry.structured import default_mesh_kind, make_half_cell_mesh
 from unilateral.problems.problem import Problem
 from unilateral.system.memory import forget_peak, peak_mb
 
-INTERRUPTED = "interrupted"
-WITHDRAWN = "withdrawn, because they contradict each other; please report it"
+ENDED_BY_INTERRUPT = "interrupted"
+BOUNDS_WITHDRAWN = "withdrawn, because they contradict each other; please report it"
 OUT_OF_REACH = "out of reach"
-REFUSED = "the next level is refused"
+NEXT_LEVEL_REFUSED = "the next level is refused"
 BOUNDARY_GROWTH = 0.4
 """Where all sides are short, triangles grow by this factor times their distance from the boundary.
 
 If they grow faster, gmsh makes flat ones.
 """
-LIMIT_PART = 0.7
+LIMIT_SHARE = 0.7
 """If seconds or memory allow less than is wanted, this fraction of the unknowns that they allow is used.
 
 What these unknowns are predicted to be was right within 1.5.
@@ -84,7 +83,7 @@ class Search:
     `believed` are the levels that no other one contradicts. `best` is the last believed level that is
     certified, or else the one with the smallest bound; if none is believed, it is the finest one. `certified`
     says whether a believed level is certified. `refusal` says why the next mesh was refused, if it was.
-    `plan` predicts what the accuracy takes if a limit ended the loop and that can be told. `reach` is a
+    `make_plan` predicts what the accuracy takes if a limit ended the loop and that can be told. `reach` is a
     larger accuracy that the limits allow, where the plan shows that they do not allow this one.
     """
 
@@ -99,7 +98,7 @@ class Search:
 
     def __repr__(self) -> str:
         outcome = "certified" if self.certified else "not certified" + f": {self.ended}" * bool(self.ended)
-        return f"Search: {counted(len(self.levels), 'level')}, {outcome}"
+        return f"Search: {pluralise(len(self.levels), 'level')}, {outcome}"
 
 
 def make_search(
@@ -110,19 +109,21 @@ def make_search(
     reach: float | None = None,
 ) -> Search:
     """The search that has ended, with its best level."""
-    believed = uncontradicted(levels)
+    believed = select_consistent(levels)
     candidates = reversed(believed or levels[-1:])
     best = min(candidates, key=lambda level: (not level.certified, level.total))
     certified = bool(believed) and best.certified
-    return Search(levels, ended, believed, best, certified, refusal=refusal, plan=plan, reach=reach)
+    return Search(
+        levels, ended, believed, best=best, certified=certified, refusal=refusal, plan=plan, reach=reach
+    )
 
 
 def search(
     problem: Problem,
     goal: Goal,
-    tell: Callable[[Level], None] | None = None,
+    report_level: Callable[[Level], None] | None = None,
     dry_run: bool = False,
-    begin: float | None = None,
+    start_time: float | None = None,
 ) -> Search:
     """Solves level after level until one is certified, or nothing more can be done.
 
@@ -133,11 +134,11 @@ def search(
     goal
         The accuracy, and the limits. Without a limit of its own, the loop ends as soon as the default ones
         do not suffice by far.
-    tell : optional
+    report_level : optional
         A function that is called with each finished level.
     dry_run
         The loop ends when the levels are enough for a plan.
-    begin : optional
+    start_time : optional
         The `time.perf_counter()` from which the seconds of the limit count; by default now.
 
     Returns
@@ -152,67 +153,71 @@ def search(
     BudgetError
         Where a limit does not suffice for the first level.
     InputError
-        Where the first mesh cannot be made, or has more unknowns than the goal allows; and by `tell`.
+        Where the first mesh cannot be made, or has more unknowns than the goal allows; and by `report_level`.
     """
-    begin = perf_counter() if begin is None else begin
+    start_time = perf_counter() if start_time is None else start_time
     levels: list[Level] = []
     discrete: DiscreteProblem | None = None
     predicted = math.inf
-    own_error: InputError | None = None  # of `tell`, which refuses no mesh
+    own_error: InputError | None = None  # of `report_level`, which refuses no mesh
     try:
         forget_peak()
-        check_limits(problem.polygon, goal, perf_counter() - begin)
-        mesh = first_mesh(problem.polygon, goal)
+        check_limits(problem.polygon, goal, perf_counter() - start_time)
+        mesh = make_first_mesh(problem.polygon, goal)
         start = perf_counter()
         while True:
             # Solve and bound
             enclosing_start = perf_counter()
-            discrete = discretise_on(mesh, problem, goal, discrete, levels)
+            discrete = discretise_level(mesh, problem, goal, discrete, levels)
             enclosing = perf_counter() - enclosing_start
-            solved = solve(discrete, goal, levels, predicted)
+            solved = solve_next_level(discrete, goal, levels, predicted)
             level = measure_level(solved, goal, predicted)
             end = perf_counter()
             level = replace(
-                level, seconds=end - start, elapsed=end - begin, mb=peak_mb(), enclosing=enclosing
+                level,
+                seconds=end - start,
+                elapsed=end - start_time,
+                peak_mb=peak_mb(),
+                enclosing_seconds=enclosing,
             )
             levels.append(level)
 
             # Mark, if another level is wanted and within the limits
             fault = find_fault(levels)
-            division = None if fault else next_division(levels, dry_run)
+            division = None if fault else choose_division(levels, dry_run)
             if division:
-                unknowns = NEIGHBOURS * division.times * levels[-1].unknowns
+                unknowns = NEIGHBOUR_RATIO * division.triangle_ratio * levels[-1].unknowns
                 seconds = predict_seconds(levels, unknowns)
                 levels[-1] = replace(levels[-1], next_unknowns=unknowns, next_seconds=seconds)
-            if tell:
+            if report_level:
                 try:
-                    tell(levels[-1])
+                    report_level(levels[-1])
                 except InputError as error:
                     own_error = error
                     raise
             if not division:
-                return conclude(levels, fault, dry_run)
+                return conclude_search(levels, fault, dry_run)
 
             # Refine
             start = perf_counter()
             forget_peak()
-            predicted = division.left * levels[-1].total
-            mesh = divided_mesh(mesh, division.halvings)
+            predicted = division.bound_ratio * levels[-1].total
+            mesh = halve_triangle_edges(mesh, division.halvings)
     except (KeyboardInterrupt, MemoryError, InputError) as stopped:
         if not levels or stopped is own_error:
             raise
         if isinstance(stopped, KeyboardInterrupt):
-            return make_search(levels, INTERRUPTED)
+            return make_search(levels, ENDED_BY_INTERRUPT)
         if isinstance(stopped, MemoryError):
-            return make_search(levels, "out of budget (the memory of this machine)", plan=plan(levels))
-        return make_search(levels, REFUSED, stopped)
+            return make_search(levels, "out of budget (the memory of this machine)", plan=make_plan(levels))
+        return make_search(levels, NEXT_LEVEL_REFUSED, stopped)
 
 
-def conclude(levels: list[Level], fault: str, dry_run: bool) -> Search:
+def conclude_search(levels: list[Level], fault: str, dry_run: bool) -> Search:
     """The search as it ends after its last level, by a `fault` or without one."""
     if fault or (levels[-1].certified and not dry_run):
         return make_search(levels, fault)
-    planned = plan(levels)
+    planned = make_plan(levels)
     if dry_run or is_hopeless(levels):
         missed = planned.missed if planned else ()
         names = f" ({', '.join(missed)})" if missed else ""
@@ -224,41 +229,41 @@ def conclude(levels: list[Level], fault: str, dry_run: bool) -> Search:
     )
 
 
-def first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
+def make_first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
     """The coarsest mesh. Where all sides are short it is graded, if meshes may be so.
 
     Raises InputError if it has more unknowns than the goal allows, where possible before it is made.
     """
-    kind = goal.kind or natural_kind(polygon)
+    kind = goal.kind or default_mesh_kind(polygon)
     H = float(polygon.lengths.max())
-    most = math.inf if goal.max_unknowns is None else goal.max_unknowns
-    expected = least_unknowns(polygon, H / 2)
-    graded = expected > LEAST_ADAPTED and kind == "unstructured" and goal.adaptable
-    if graded or expected <= most:
-        mesh = two_edges_per_cell(polygon, H, kind, BOUNDARY_GROWTH if graded else None)
-        if mesh.n_nodes <= most:
-            return adapted(mesh)
+    max_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    min_count = min_unknowns(polygon, H / 2)
+    graded = min_count > MIN_ADAPTED_UNKNOWNS and kind == "unstructured" and goal.can_adapt
+    if graded or min_count <= max_unknowns:
+        mesh = make_edge_pair_mesh(polygon, H, kind, BOUNDARY_GROWTH if graded else None)
+        if mesh.n_nodes <= max_unknowns:
+            return start_adapted_mesh(mesh)
         needed = str(mesh.n_nodes)
     else:
-        needed = f"at least {expected:.2g}"
+        needed = f"at least {min_count:.2g}"
     raise InputError(
         f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; "
-        f"max_unknowns={most:.0f} has to be at least that"
+        f"max_unknowns={max_unknowns:.0f} has to be at least that"
     )
 
 
-def two_edges_per_cell(polygon: Polygon, H: float, kind: str, growth: float | None = None) -> Mesh:
+def make_edge_pair_mesh(polygon: Polygon, H: float, kind: str, growth: float | None = None) -> Mesh:
     """A mesh with two equal boundary edges, h = H/2, in every cell of the size H at most.
 
     With a `growth` triangles are larger the farther they are from the boundary.
     """
     if kind == "structured":
-        return halved_cells(polygon, H)
-    cells = partitions.balanced(partitions.uniform(polygon, H))
-    return meshes.following(cells, 2, growth=growth)[0]
+        return make_half_cell_mesh(polygon, H)
+    cells = partitions.balance_cells(partitions.make_uniform_partition(polygon, H))
+    return meshes.triangulate_from_cells(cells, 2, growth=growth)[0]
 
 
-def next_division(levels: Sequence[Level], dry_run: bool = False) -> Division | None:
+def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division | None:
     """How to divide the triangles for the next level, None if it is not wanted or not within the limits.
 
     The levels have to be without a fault. Where the limits do not allow what is wanted, the last
@@ -267,36 +272,39 @@ def next_division(levels: Sequence[Level], dry_run: bool = False) -> Division | 
     last = levels[-1]
     if last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
         return None
-    best = wanted_division(last)
-    if NEIGHBOURS * best.times * last.unknowns <= min(allowed_unknowns(levels).values()):
-        return best
-    times = min(allowed_unknowns(levels, LIMIT_PART).values()) / (NEIGHBOURS * last.unknowns)
-    known = 0 < last.solved.shares.max() < math.inf
-    if not (last.goal.adaptable and known) or times < LEAST_STEP:
+    target_division = choose_target_division(last)
+    if NEIGHBOUR_RATIO * target_division.triangle_ratio * last.unknowns <= min(
+        allowed_unknowns(levels).values()
+    ):
+        return target_division
+    triangle_ratio = min(allowed_unknowns(levels, LIMIT_SHARE).values()) / (NEIGHBOUR_RATIO * last.unknowns)
+    # the triangles that the limits allow, where the bound is largest
+    has_shares = 0 < last.solved.bound_shares.max() < math.inf
+    if not (last.goal.can_adapt and has_shares) or triangle_ratio < MIN_TRIANGLE_RATIO:
         return None
-    return divide_by_shares(last.solved.shares, 0.0, times)
+    return divide_by_shares(last.solved.bound_shares, 0.0, triangle_ratio)
 
 
-def discretise_on(
-    mesh: AdaptedMesh, problem: Problem, goal: Goal, before: DiscreteProblem | None, levels: Sequence[Level]
+def discretise_level(
+    mesh: AdaptedMesh, problem: Problem, goal: Goal, previous: DiscreteProblem | None, levels: Sequence[Level]
 ) -> DiscreteProblem:
-    """The discrete problem on a mesh, from that `before` and the last level's solution, if there are any."""
+    """The discrete problem on a mesh, from the previous one and the last solution, if there are any."""
     if wants_multigrid(goal.stop, math.inf):
-        from unilateral.discrete.multilevel import MultilevelProblem, discretise_nested  # and PyAMG
+        from unilateral.discrete.multilevel import MultilevelProblem, discretise_on_adapted_mesh  # and PyAMG
 
-        assert isinstance(before, MultilevelProblem | None)
-        return discretise_nested(problem, mesh, before, levels[-1].solved if levels else None)
-    check_condensed(mesh.mesh, mesh.partition)
+        assert isinstance(previous, MultilevelProblem | None)
+        return discretise_on_adapted_mesh(problem, mesh, previous, levels[-1].solved if levels else None)
+    check_condensing_memory(mesh.mesh, mesh.partition)
     condensed = discretise(problem, mesh.mesh, mesh.partition)
     if condensed.data is None:  # of a case, whose error is bounded, too, on every level
         condensed = replace(condensed, data=enclose_data(problem, mesh.mesh, condensed.form))
     return condensed
 
 
-def solve(
-    discrete: DiscreteProblem, goal: Goal, levels: Sequence[Level], predicted: float
+def solve_next_level(
+    discrete: DiscreteProblem, goal: Goal, levels: Sequence[Level], predicted_total: float
 ) -> DiscreteSolution:
-    """The solution, from that of the last level; its bound will be about as `predicted`."""
+    """The solution, from that of the last level; its bound will be about as `predicted_total`."""
     # The algebraic bound in the goal's norm is that of the iteration, over beta for lambda
     scale = 1.0 if goal.norm == "h1" else discrete.beta
     start = None
@@ -305,14 +313,15 @@ def solve(
     if levels:
         last = levels[-1]
         start = last.partition.means(last.solved.lambda_H, discrete.partition.points)[discrete.cells]
-        total = max(last.target, predicted)
+        total = max(last.target, predicted_total)
         if math.isfinite(total):
-            tolerance = AIM * ALGEBRAIC_SHARE * total * scale or None
-    solved = discrete.iterated(tolerance, goal.stop, start, total)
+            tolerance = RETRY_TOLERANCE_SHARE * ALGEBRAIC_SHARE * total * scale or None
+    solved = discrete.iterate(tolerance, goal.stop, start, total)
     if levels:
-        size = solved.size(goal.norm, goal.sharp)
-        wanted = wanted_error(goal, size, discrete_norm(solved, goal))
-        wanted = ALGEBRAIC_SHARE * max(wanted, predicted) * scale
-        if wanted > 0:
-            solved = discrete.improved(solved, wanted, goal.stop)
+        size = solved.norm_lower_bound(goal.norm, goal.sharp)
+        # by the norm of this solution: a tenth of the wanted error, or of the predicted one if that is larger
+        target = target_error(goal, size, discrete_norm(solved, goal))
+        max_bound = ALGEBRAIC_SHARE * max(target, predicted_total) * scale
+        if max_bound > 0:
+            solved = discrete.improve(solved, max_bound, goal.stop)
     return solved

@@ -21,38 +21,41 @@ from unilateral.geometry.polygon import Polygon
 MAX_HALVINGS = 4
 """A triangle's edges are halved at most this many times at once."""
 BISECTIONS = 40
-"""A bisection for theta has this many steps, which leave a part of 1e-12 of its first interval."""
-LEAST_SHARE = 1e-60
+"""A bisection for theta has this many steps, which leave 1e-12 of its first interval."""
+MIN_SHARE_RATIO = 1e-60
 """Shares below this fraction of the largest one are not told apart."""
-ADAPTED_GAIN = 1.5
+MIN_ADAPTED_GAIN = 1.5
 """Adapted meshes pay if uniform ones need more than this many times as many triangles.
 
 Where solutions vary alike everywhere that ratio is seen to be 1.
 """
-LEAST_ADAPTED = 200
+MIN_ADAPTED_UNKNOWNS = 200
 """Below so many unknowns all meshes cost alike, and none is adapted."""
-LEAST_STEP, LARGEST_STEP = 1.25, 8.0
-"""A level has at most LARGEST_STEP times the triangles of the one before, before neighbours follow.
+MIN_TRIANGLE_RATIO = 1.25
+MAX_TRIANGLE_RATIO = 8.0
+"""A level has at most MAX_TRIANGLE_RATIO times the triangles of the one before, before neighbours follow.
 
-If the limits allow neither the wanted step nor LEAST_STEP times the triangles, there is no other level.
+If the limits allow neither the wanted division nor MIN_TRIANGLE_RATIO, there is no other level.
 """
-TARGET_PART = 0.93
+TARGET_SHARE = 0.93
 """The next level aims at this fraction of the wanted error."""
 LAMBDA_RATE = 0.75
 """On adapted meshes lambda's bound falls like the unknowns to minus this, as H^{3/2}; 0.82 was observed."""
-LEAST_MISS, LARGEST_MISS = 0.9, 1.5
+MIN_MISS_FACTOR = 0.9
+MAX_MISS_FACTOR = 1.5
 """The factor by which a bound missed its prediction is believed only as far as it lies between these two."""
 
 
 class Division(NamedTuple):
     """How often each triangle's edges are halved: `halvings` (m,).
 
-    That makes `times` as many triangles, before neighbours follow, and leaves the part `left` of the bound.
+    That makes `triangle_ratio` as many triangles, before neighbours follow, and leaves the part `bound_ratio`
+    of the bound.
     """
 
     halvings: Index
-    times: float
-    left: float
+    triangle_ratio: float
+    bound_ratio: float
 
 
 def divide_uniformly(triangles: int, halvings: int = 1) -> Division:
@@ -60,31 +63,44 @@ def divide_uniformly(triangles: int, halvings: int = 1) -> Division:
     return Division(np.full(triangles, halvings, dtype=np.int16), 4.0**halvings, 0.5**halvings)
 
 
-def divide_by_shares(shares: Array, left: float = 0.0, times: float = math.inf) -> Division:
-    """The fewest triangles that leave that part of the bound, but at most `times` as many as there are.
+def divide_by_shares(
+    shares: Array, bound_ratio: float = 0.0, max_triangle_ratio: float = math.inf
+) -> Division:
+    """The division into the fewest triangles that leaves `bound_ratio` of the bound, within a limit.
 
-    The part is `left`. The `shares` (m,) are the triangles' parts of the square of the bound.
+    The `shares` (m,) are the triangles' parts of the square of the bound. If more than `max_triangle_ratio`
+    times the triangles are needed, it is the best division within that.
     """
-    logarithms = np.log2(np.maximum(shares / shares.max(), LEAST_SHARE))
-    squares = shares / shares.sum()
+    logarithms = np.log2(np.maximum(shares / shares.max(), MIN_SHARE_RATIO))
+    relative_shares = shares / shares.sum()
 
+    # s_i / 16^{g_i} = 2^theta up to the rounding of g_i; the larger theta, the fewer triangles
     def divide_at(theta: float) -> Division:
+        """The division with g_i = (log2 s_i - theta) / 4; sum s_i / 4^{g_i} of the squared bound is left."""
         halvings = np.clip(np.rint((logarithms - theta) / 4), 0, MAX_HALVINGS).astype(np.int16)
-        parts = 4.0**halvings
-        return Division(halvings, float(parts.mean()), math.sqrt(float((squares / parts).sum())))
+        child_counts = 4.0**halvings
+        return Division(
+            halvings, float(child_counts.mean()), math.sqrt(float((relative_shares / child_counts).sum()))
+        )
 
-    ends = float(logarithms.min()) - 4 * MAX_HALVINGS - 2, float(logarithms.max()) + 2
-    enough = divide_at(bisect(lambda theta: divide_at(theta).left <= left, *ends)[0])
-    if enough.times <= times:
-        return enough
-    return divide_at(bisect(lambda theta: divide_at(theta).times > times, *ends)[1])
+    low = float(logarithms.min()) - 4 * MAX_HALVINGS - 2
+    high = float(logarithms.max()) + 2
+    theta, _ = bisect(lambda theta: divide_at(theta).bound_ratio <= bound_ratio, low, high)
+    division = divide_at(theta)
+    if division.triangle_ratio <= max_triangle_ratio:
+        return division
+    _, theta = bisect(lambda theta: divide_at(theta).triangle_ratio > max_triangle_ratio, low, high)
+    return divide_at(theta)
 
 
-def bisect(holds: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
-    """The largest number between two ends for which `holds` is true, and one just above it."""
+def bisect(condition: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
+    """The largest number between two ends for which `condition` is true, and one just above it.
+
+    It is for a condition that is true up to some number.
+    """
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        if holds(middle):
+        if condition(middle):
             low = middle
         else:
             high = middle
@@ -98,11 +114,13 @@ def evenness(shares: Array) -> float:
     """
     if not 0 < shares.max() < math.inf:
         return 1.0
+    # triangles into n_i each leave sum s_i / n_i: (sum s_i^{1/2})^2 / n at best, for n_i ~ s_i^{1/2}, and
+    # m sum s_i / n if all n_i are equal
     s = shares / shares.max()
     return float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
 
 
-def least_unknowns(polygon: Polygon, h: float) -> float:
+def min_unknowns(polygon: Polygon, h: float) -> float:
     """The unknowns that a mesh of equal triangles of the size h has at least.
 
     Equilateral triangles make 2 / sqrt(3) times the area over h^2.
@@ -110,9 +128,9 @@ def least_unknowns(polygon: Polygon, h: float) -> float:
     return 0.5 * polygon.area / h**2
 
 
-def adapts(level: Level) -> bool:
+def should_adapt(level: Level) -> bool:
     """Whether the next mesh is adapted: the goal leaves that open, and it pays or this one is already."""
-    return level.goal.adaptable and (level.solved.mesh.adapted or refinement_pays(level))
+    return level.goal.can_adapt and (level.solved.mesh.is_adapted or refinement_pays(level))
 
 
 def refinement_pays(level: Level) -> bool:
@@ -121,43 +139,46 @@ def refinement_pays(level: Level) -> bool:
     They do so at once where short sides leave a mesh with fewer unknowns than a uniform one has at least.
     """
     mesh = level.solved.mesh
-    if level.unknowns < least_unknowns(mesh.polygon, mesh.h):
+    if level.unknowns < min_unknowns(mesh.polygon, mesh.h):
         return True
-    return level.unknowns >= LEAST_ADAPTED and ADAPTED_GAIN * evenness(level.solved.shares) < 1
+    return (
+        level.unknowns >= MIN_ADAPTED_UNKNOWNS and MIN_ADAPTED_GAIN * evenness(level.solved.bound_shares) < 1
+    )
 
 
-def wanted_division(last: Level) -> Division:
-    """The wanted division, which is uniform where that takes at most ADAPTED_GAIN times the triangles.
+def choose_target_division(level: Level) -> Division:
+    """The wanted division, which is uniform where that takes at most MIN_ADAPTED_GAIN times the triangles.
 
     If several steps are needed, they are of one size.
     """
-    part = wanted_part(last)
-    shares = last.solved.shares
-    if part == 0 or not last.goal.adaptable or not 0 < shares.max() < math.inf:
+    bound_ratio = target_bound_ratio(level)
+    shares = level.solved.bound_shares
+    if bound_ratio == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
         return divide_uniformly(len(shares))
-    needed = evenness(shares) / part**2
-    if needed > LARGEST_STEP and not adapts(last):
+    # uniform meshes need 1 / bound_ratio^2 times the triangles, the best one `evenness` times that
+    needed = evenness(shares) / bound_ratio**2
+    if needed > MAX_TRIANGLE_RATIO and not should_adapt(level):
         return divide_uniformly(len(shares))
-    most = LARGEST_STEP
-    if needed > LARGEST_STEP:
-        steps = math.ceil(math.log(needed) / math.log(LARGEST_STEP))
-        most = max(needed ** (1 / steps), 4.0)
-    adapted_division = divide_by_shares(shares, part, most)
-    halvings = max(math.ceil(-math.log2(part)), 1)
-    if 4**halvings <= ADAPTED_GAIN * adapted_division.times:
+    max_triangle_ratio = MAX_TRIANGLE_RATIO
+    if needed > MAX_TRIANGLE_RATIO:
+        steps = math.ceil(math.log(needed) / math.log(MAX_TRIANGLE_RATIO))
+        max_triangle_ratio = max(needed ** (1 / steps), 4.0)
+    adapted_division = divide_by_shares(shares, bound_ratio, max_triangle_ratio)
+    halvings = max(math.ceil(-math.log2(bound_ratio)), 1)
+    if 4**halvings <= MIN_ADAPTED_GAIN * adapted_division.triangle_ratio:
         return divide_uniformly(len(shares), halvings)
     return adapted_division
 
 
-def wanted_part(last: Level) -> float:
+def target_bound_ratio(level: Level) -> float:
     """The part of the last bound that the next level is to leave; 0 where it is not known what is wanted.
 
     The next prediction is taken to miss by the same factor as the last one. The bound on lambda falls like
     the unknowns to the power -LAMBDA_RATE.
     """
-    if not (last.target > 0 and math.isfinite(last.total)):
+    if not (level.target > 0 and math.isfinite(level.total)):
         return 0.0
-    missed = last.total / last.predicted
-    missed = min(max(missed, LEAST_MISS), LARGEST_MISS) if missed > 0 else 1.0
-    part = TARGET_PART * last.target / (last.total * missed)
-    return part if last.goal.norm == "h1" else part ** (0.5 / LAMBDA_RATE)
+    miss_factor = level.total / level.predicted_total
+    miss_factor = min(max(miss_factor, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if miss_factor > 0 else 1.0
+    bound_ratio = TARGET_SHARE * level.target / (level.total * miss_factor)
+    return bound_ratio if level.goal.norm == "h1" else bound_ratio ** (0.5 / LAMBDA_RATE)

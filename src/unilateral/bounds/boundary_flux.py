@@ -2,13 +2,13 @@
 
 mu has the mean of lambda_H on every edge e and as much of its slope as leaves mu >= 0. On the triangle T at e
 
-    sigma = w mu + (1 - w) min(mu, max(k du_h/dn, 0)),     w = min(1, EDGE_BALANCE k / (c |e|^2))^2.
+    sigma = w mu + (1 - w) min(mu, max(k du_h/dn, 0)),   w = min(1, EDGE_REACTION_RATIO k / (c |e|^2))^2.
 
 Where the mesh does not see the layer of depth (k/c)^{1/2}, lambda_H is some c |e| times the error of u_h, and
 much larger than lambda. This is a choice, and only the sharpness of bounds depends on it.
 
 On free sides the flux tau (q in problem files) is given. On an edge e it is a piecewise polynomial p up to a
-function rho, and bounds on ||rho||_e and on its integral are known (`Flux`). tau~ is the L2
+function rho, and bounds on ||rho||_e and on its integral are known (`GivenFlux`). tau~ is the L2
 projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. For p - tau~, which is
 orthogonal to linear functions, see `oscillation`. On the triangle T at e
 
@@ -26,173 +26,195 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.residual_norm import SUMS, J
+from unilateral.bounds.residual_norm import BESSEL_ZERO, SQUARES_ROUNDING
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import gradients, linear_parts
+from unilateral.fem.p1 import gradients, project_to_linear
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import (
-    MEAN_FREE_ON_SQUARE,
-    ON_SQUARE,
+    MEAN_FREE_SQUARE_CONSTANT,
+    SQUARE_CONSTANT,
     oscillation_bound,
     oscillation_constants,
     trace_constants,
     value_constants,
 )
-from unilateral.problems.obstacle_and_flux import Flux
+from unilateral.problems.obstacle_and_flux import GivenFlux
 
-ROUNDING = 64 * EPS
-"""The rounding of the moments of p on an edge, as a multiple of the largest |p| there.
-
-It is added once more for every interval of the edge.
-"""
-
-
-EDGE_BALANCE = 15.0
-"""c |e|^2 / k of an edge above which the flux of u_h counts beside mu, as in `equilibrated`."""
+MOMENT_ROUNDING = 64 * EPS
+"""The rounding of the moments of p on an edge, over the largest |p| there, per interval and once more."""
+EDGE_REACTION_RATIO = 15.0
+"""c |e|^2 / k of an edge above which the flux of u_h counts beside mu, as in `equilibrate_flux`."""
 
 
-class EdgeFlux(NamedTuple):
-    """sigma, by its values `ends` (nb, 2) >= 0 at the ends of the edges.
+class NormalFlux(NamedTuple):
+    """sigma, by its values `end_values` (nb, 2) >= 0 at the ends of the edges.
 
-    `rest` (nb,) is the squared L2 norm of lambda_H - mu, and `constant` (nb,) is what `oscillation` needs to
-    bound that in the dual norm; `lowered` (nb,) is the squared L2 norm of mu - sigma. `push` (nb,) is the
-    largest H_i lambda_i of a cell there over k, with the factor w.
+    `oscillation_squares` (nb,) is the squared L2 norm of lambda_H - mu, and `square_constants` (nb,) is what
+    `oscillation` needs to bound that in the dual norm; `reduction_squares` (nb,) is the squared L2 norm of mu
+    - sigma. `contact_scale` (nb,) is the largest H_i lambda_i of a cell there over k, with the factor w.
     """
 
-    ends: Array
-    rest: Array
-    constant: Array
-    lowered: Array
-    push: Array
+    end_values: Array
+    oscillation_squares: Array
+    square_constants: Array
+    reduction_squares: Array
+    contact_scale: Array
 
-    def distance(self, mesh: Mesh, form: Form) -> float:
+    def multiplier_distance(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
-        of_rest = oscillation_bound(mesh, self.rest[:, None], self.constant, form).item()
-        lower = self.lowered > 0
-        of_lowered = math.sqrt(value_constants(mesh, form)[lower] @ self.lowered[lower])
-        return (1 + SUMS) * (of_rest + of_lowered)
+        oscillation_norm = oscillation_bound(
+            mesh, self.oscillation_squares[:, None], self.square_constants, form
+        ).item()
+        is_reduced = self.reduction_squares > 0
+        reduction_norm = math.sqrt(
+            value_constants(mesh, form)[is_reduced] @ self.reduction_squares[is_reduced]
+        )
+        return (1 + SQUARES_ROUNDING) * (oscillation_norm + reduction_norm)
 
 
-def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: Form) -> EdgeFlux:
+def build_normal_flux(
+    mesh: Mesh, partition: Partition, lambda_H: Array, u_h: Array, form: Form
+) -> NormalFlux:
     """The flux of lambda_H (m,), which is constant on the cells, for u_h (n,) near the discrete solution."""
-    lengths, nb = np.diff(mesh.s), len(mesh.boundary)
-    points, cell, edge = overlay(cells.points, mesh.s)
+    lengths = np.diff(mesh.s)
+    nb = len(mesh.boundary)
+    # the moments of lambda_H on edges, with x from -1 to 1: mu has the mean, and a slope that leaves mu >= 0
+    points, cell, edge = overlay(partition.points, mesh.s)
     middle = 0.5 * (points[1:] + points[:-1])
-    share, arm = np.diff(points) / lengths[edge], 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
+    share = np.diff(points) / lengths[edge]
+    x = 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
     value = lambda_H[cell]
     mean = np.bincount(edge, share * value, nb)
-    slope = 3 * np.bincount(edge, share * arm * value, nb)
-    limited = np.clip(slope, -mean, mean)
-    squares = np.bincount(edge, share * (value - mean[edge]) ** 2, nb)
-    rest = np.maximum(squares + (limited - 2 * slope) * limited / 3, 0.0)
-    push = np.zeros(nb)
-    np.maximum.at(push, edge, (cells.lengths * lambda_H)[cell])
-    mu = np.column_stack([mean - limited, mean + limited])
+    slope = 3 * np.bincount(edge, share * x * value, nb)
+    mu_slope = np.clip(slope, -mean, mean)
+    # |e|^-1 ||lambda_H - mu||_e^2 = variance - slope^2 / 3 + (mu_slope - slope)^2 / 3
+    variance = np.bincount(edge, share * (value - mean[edge]) ** 2, nb)
+    oscillation_variance = np.maximum(variance + (mu_slope - 2 * slope) * mu_slope / 3, 0.0)
+    # H_i lambda_i / k has the unit of u, and u_h - g is compared with it (`find_contact`)
+    largest_H_lambda = np.zeros(nb)
+    np.maximum.at(largest_H_lambda, edge, (partition.lengths * lambda_H)[cell])
+    mu = np.column_stack([mean - mu_slope, mean + mu_slope])
 
-    # less than mu where it is above k du_h/dn
-    part = mesh.part(mesh.boundary_triangles)
-    slopes = np.einsum("tid,ti->td", gradients(part), u_h[part.triangles])
+    # sigma = mu - reduction, (1 - w) (mu - max(k du_h/dn, 0))_+; its square is that of a linear function
+    outer_mesh = mesh.select_triangles(mesh.boundary_triangles)
+    slopes = np.einsum("tid,ti->td", gradients(outer_mesh), u_h[outer_mesh.triangles])
     outflow = form.k * np.sum(slopes * mesh.polygon.normals[mesh.side], axis=1)
-    w = 1 / np.maximum(1.0, form.c / (EDGE_BALANCE * form.k) * lengths**2) ** 2
-    less = (1 - w[:, None]) * np.maximum(mu - np.maximum(outflow, 0.0)[:, None], 0.0)
-    return EdgeFlux(
-        mu - less,
-        rest=lengths * rest,
-        constant=np.where(limited == slope, ON_SQUARE, MEAN_FREE_ON_SQUARE),
-        lowered=lengths / 3 * ((less**2).sum(axis=1) + less.prod(axis=1)),
-        push=w * push / form.k,
+    w = 1 / np.maximum(1.0, form.c / (EDGE_REACTION_RATIO * form.k) * lengths**2) ** 2
+    reduction = (1 - w[:, None]) * np.maximum(mu - np.maximum(outflow, 0.0)[:, None], 0.0)
+    return NormalFlux(
+        mu - reduction,
+        oscillation_squares=lengths * oscillation_variance,
+        square_constants=np.where(mu_slope == slope, SQUARE_CONSTANT, MEAN_FREE_SQUARE_CONSTANT),
+        reduction_squares=lengths / 3 * ((reduction**2).sum(axis=1) + reduction.prod(axis=1)),
+        contact_scale=w * largest_H_lambda / form.k,
     )
 
 
-class Given(NamedTuple):
-    """tau~, by its values `ends` (nb, 2) at the ends of the edges, and bounds on tau - tau~ on each edge.
+class GivenEdgeFlux(NamedTuple):
+    """tau~, by its values `end_values` (nb, 2) at the ends of the edges, and bounds on tau - tau~ on each.
 
-    `left` (nb,) is ||p - tau~||_e, `size` is ||rho||_e, and `integral` bounds the integral of rho.
+    `oscillation` (nb,) is ||p - tau~||_e, `remainder_norms` is ||rho||_e, and `remainder_integrals` bounds
+    the integral of rho.
     """
 
-    ends: Array
-    left: Array
-    size: Array
-    integral: Array
+    end_values: Array
+    oscillation: Array
+    remainder_norms: Array
+    remainder_integrals: Array
 
-    def distance(self, mesh: Mesh, form: Form) -> float:
+    def projection_error(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of p - tau~ in the dual of the energy norm on H^1."""
-        return (1 + SUMS) * oscillation_bound(mesh, self.left[:, None] ** 2, form=form).item()
+        return (1 + SQUARES_ROUNDING) * oscillation_bound(
+            mesh, self.oscillation[:, None] ** 2, form=form
+        ).item()
 
     def shares(self, mesh: Mesh, form: Form) -> Array:
-        """(nb,) the edges' parts of its square."""
-        return np.asarray(oscillation_constants(mesh, form=form).sum(axis=0) * self.left**2)
+        """Each boundary edge's part of the squared bound on the dual norm of p - tau~, (nb,)."""
+        return np.asarray(oscillation_constants(mesh, form=form).sum(axis=0) * self.oscillation**2)
 
-    def misfit(self, mesh: Mesh) -> Array:
-        """(nb,) what gradients are multiplied by in the functional of rho, on the triangles."""
-        return np.sqrt(trace_constants(mesh, 1 / J)) * self.size
+    def gradient_coefficients(self, mesh: Mesh) -> Array:
+        """The factors (nb,) of |z|_{1,T} in the bound on the functional of rho, T at each boundary edge."""
+        # ||z - mean_T z||_T <= d / j |z|_{1,T} on triangles, j the first zero of J_1 (Lemma S18)
+        return np.sqrt(trace_constants(mesh, 1 / BESSEL_ZERO)) * self.remainder_norms
 
-    def rest(self, mesh: Mesh) -> Array:
-        """(nb,) what values are multiplied by in that functional."""
-        return self.integral / np.sqrt(mesh.areas[mesh.boundary_triangles])
+    def value_coefficients(self, mesh: Mesh) -> Array:
+        """The factors (nb,) of ||z||_T in the bound on the functional of rho, T at each boundary edge."""
+        return self.remainder_integrals / np.sqrt(mesh.areas[mesh.boundary_triangles])
 
-    def unknown(self, mesh: Mesh, form: Form) -> float:
+    def remainder_dual_norm(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of the functional of rho, on functions that vanish on clamped sides."""
-        of_gradients = np.linalg.norm(self.misfit(mesh)) / math.sqrt(form.k)
-        return float(of_gradients + form.value_constant * np.linalg.norm(self.rest(mesh)))
+        gradient_term = np.linalg.norm(self.gradient_coefficients(mesh)) / math.sqrt(form.k)
+        return float(gradient_term + form.value_constant * np.linalg.norm(self.value_coefficients(mesh)))
 
 
-def nothing(mesh: Mesh) -> Given:
-    """The `Given` of a mesh on which no flux is given: 0."""
+def no_given_flux(mesh: Mesh) -> GivenEdgeFlux:
+    """The `GivenEdgeFlux` of a mesh on which no flux is given: 0."""
     nb = len(mesh.boundary)
-    return Given(np.zeros((nb, 2)), *np.zeros((3, nb)))
+    return GivenEdgeFlux(np.zeros((nb, 2)), *np.zeros((3, nb)))
 
 
-def given(flux: Flux, mesh: Mesh) -> Given:
-    """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
-    if not flux.given.any():
-        return nothing(mesh)
-    samples, lengths = flux.sample(mesh.s), np.diff(mesh.s)
-    here = flux.given[samples.piece]
-    half, piece, s, p = samples.half[here], samples.piece[here], samples.s[here], samples.value[here]
-    edge, weight = _edges(mesh, samples.middle[here]), half[:, None] * samples.weights
+def project_given_flux(flux: GivenFlux, mesh: Mesh) -> GivenEdgeFlux:
+    """The `GivenEdgeFlux` of a problem's flux on a mesh; infinite where the flux has no bound."""
+    if not flux.is_given.any():
+        return no_given_flux(mesh)
+    samples = flux.sample(mesh.s)
+    lengths = np.diff(mesh.s)
+    is_given = flux.is_given[samples.piece]
+    half_length = samples.half_length[is_given]
+    piece = samples.piece[is_given]
+    s = samples.s[is_given]
+    p = samples.value[is_given]
+    edge = _locate_edges(mesh, samples.middle[is_given])
+    weight = half_length[:, None] * samples.weights
     x = (s - mesh.s[edge][:, None]) / lengths[edge][:, None]
-    ends = linear_parts(mesh, edge, x, weight, p)
-    away = p - ends[edge, :1] * (1 - x) - ends[edge, 1:] * x
-    left = np.sqrt(np.bincount(edge, np.sum(weight * away**2, axis=1), len(ends)))
-    size, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
-    rounding = _rounding(flux, mesh, edge, np.abs(p).max(axis=1))
-    return Given(
-        ends,
-        left=left,
-        size=size + np.sqrt(lengths) * rounding,
-        integral=integral + lengths * rounding,
+    tau = project_to_linear(mesh, edge, x, weight, p)
+    # tau~ is the L2 projection of p on each edge, and the rest of p is measured by the same Gauss points
+    difference = p - tau[edge, :1] * (1 - x) - tau[edge, 1:] * x
+    oscillation = np.sqrt(np.bincount(edge, np.sum(weight * difference**2, axis=1), len(tau)))
+    size, integral = _remainder_bounds(flux, mesh, edge, 2 * half_length, flux.remainder[piece])
+    rounding = _given_flux_rounding(flux, mesh, edge, np.abs(p).max(axis=1))
+    return GivenEdgeFlux(
+        tau,
+        oscillation=oscillation,
+        remainder_norms=size + np.sqrt(lengths) * rounding,
+        remainder_integrals=integral + lengths * rounding,
     )
 
 
-def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) -> tuple[Array, Array]:
-    """(nb,), (nb,) bounds on ||rho||_e and on the integral of rho, from intervals (K,) of edges.
+def _remainder_bounds(
+    flux: GivenFlux, mesh: Mesh, edge: Index, length: Array, remainder: Array
+) -> tuple[Array, Array]:
+    """Bounds (nb,) on ||rho||_e and on the integral of |rho| over boundary edges, from those on intervals.
 
     Within the flux's `reach` of a place where two pieces meet, on either side, rho may be the jump there.
     """
-    at, jumps = flux.points[flux.jumps > 0], flux.jumps[flux.jumps > 0]
-    before, after = (_edges(mesh, at + off) for off in (-flux.reach, flux.reach))
-    apart, nb = before != after, len(mesh.boundary)
-    edge = np.concatenate([edge, before, after[apart]])
+    jump_points = flux.points[flux.jumps > 0]
+    jumps = flux.jumps[flux.jumps > 0]
+    before = _locate_edges(mesh, jump_points + (-flux.reach))
+    after = _locate_edges(mesh, jump_points + flux.reach)
+    is_cut = before != after
+    nb = len(mesh.boundary)
+    edge = np.concatenate([edge, before, after[is_cut]])
     length = np.append(length, np.full(len(edge) - len(length), 2 * flux.reach))
-    size = np.concatenate([doubt, jumps, jumps[apart]])
-    square, integral = (np.bincount(edge, length * size**power, nb).astype(float) for power in (2, 1))
+    size = np.concatenate([remainder, jumps, jumps[is_cut]])
+    square = np.bincount(edge, length * size**2, nb).astype(float)
+    integral = np.bincount(edge, length * size**1, nb).astype(float)
     return np.sqrt(square), integral
 
 
-def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
-    """(nb,) the rounding of tau~, from the largest |p| on intervals (K,).
+def _given_flux_rounding(flux: GivenFlux, mesh: Mesh, edge: Index, magnitude: Array) -> Array:
+    """The rounding of tau~ on each boundary edge, from the largest |p| on intervals, (nb,).
 
     Places, and so the edges' lengths, are rounded, too.
     """
     largest = np.zeros(len(mesh.boundary))
-    np.maximum.at(largest, edge, size)
+    np.maximum.at(largest, edge, magnitude)
     terms = 1 + np.bincount(edge, minlength=len(largest))
-    return np.asarray(largest * (ROUNDING * terms + flux.reach / np.diff(mesh.s)))
+    return np.asarray(largest * (MOMENT_ROUNDING * terms + flux.reach / np.diff(mesh.s)))
 
 
-def _edges(mesh: Mesh, s: Array) -> Index:
-    """(k,) the boundary edges on which arc lengths (k,) lie."""
+def _locate_edges(mesh: Mesh, s: Array) -> Index:
+    """The boundary edge on which each arc length lies, (k,)."""
     return np.clip(np.searchsorted(mesh.s, s) - 1, 0, len(mesh.boundary) - 1)

@@ -23,46 +23,46 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import EdgeFlux
+from unilateral.bounds.boundary_flux import NormalFlux
 from unilateral.bounds.feasible import Lifting
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
-ADDED = 4.0
-"""v is below u_h at a node by less than this times the larger doubt of the edges there, see `feasible`."""
-HALF = 0.5
+LOWERING_PER_REMAINDER = 4.0
+"""At a node v is below u_h by less than this times the larger remainder on the edges there."""
+MIN_GAP_FRACTION = 0.5
 """Of a side with contact the part at a clamped vertex counts on which the gap is this part of that there."""
 
 
 class ClampedEnds(NamedTuple):
     """For every vertex, (n,) each, how far the gap is at least `gamma` along the side with contact there.
 
-    `reach` is 0 where no clamped side meets one with contact, and where nothing is known. `product` is at
-    least the integral of lambda over such a part, times its gamma.
+    `gap_length` is 0 where no clamped side meets one with contact, and where nothing is known.
+    `gamma_force_bound` is at least the integral of lambda over such a part, times its gamma.
     """
 
-    reach: Array
+    gap_length: Array
     gamma: Array
-    product: float
+    gamma_force_bound: float
 
 
-def none(n: int) -> ClampedEnds:
-    """That of a polygon with n sides, none of which is clamped."""
+def no_clamped_ends(n: int) -> ClampedEnds:
+    """The ClampedEnds of a polygon with n sides at whose vertices nothing is known."""
     return ClampedEnds(np.zeros(n), np.ones(n), 0.0)
 
 
-class Clamps(NamedTuple):
-    """What is known of clamped sides: the form, and the `outflows` (2, n) and the `ends` of a `Bound`.
+class ReactionData(NamedTuple):
+    """What is known of clamped sides: the form, and `outflows` (2, n) and `clamped_ends` of a `Bound`.
 
-    `bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds. The `balance` is
-    that of `forces`, if c = 0.
+    `reaction_bound` is that of the `Bound`, on the functional of reactions. The `total_force` is that of
+    `enclose_total_force`, if c = 0.
     """
 
     form: Form
     outflows: Array
-    ends: ClampedEnds
-    bound: float
-    balance: tuple[float, float] | None = None
+    clamped_ends: ClampedEnds
+    reaction_bound: float
+    total_force: tuple[float, float] | None = None
 
     @property
     def depth(self) -> float:
@@ -74,83 +74,102 @@ class Clamps(NamedTuple):
         return float(max(self.form.c / self.form.k, self.form.friedrichs**-2) ** -0.5)
 
 
-def unclamped(n: int) -> Clamps:
-    """That of a polygon with n sides, none of which is clamped."""
-    return Clamps(H1, np.zeros((2, n)), none(n), 0.0)
+def no_reactions(n: int) -> ReactionData:
+    """The ReactionData of a polygon with n sides, none of which is clamped."""
+    return ReactionData(H1, np.zeros((2, n)), no_clamped_ends(n), 0.0)
 
 
-def clamped_ends(
-    mesh: Mesh, form: Form, lift: Lifting, u_h: Array, flux: EdgeFlux, product: float
+def find_clamped_ends(
+    mesh: Mesh,
+    form: Form,
+    lifting: Lifting,
+    v_lower: Array,
+    normal_flux: NormalFlux,
+    gamma_force_bound: float,
 ) -> ClampedEnds:
-    """Those of u_h (n,), with its lifting; v is not below u_h where there is no contact."""
+    """How far v - g is known to be positive on the sides with contact beside clamped ones."""
     n = mesh.polygon.n_sides
-    found = none(n)._replace(product=product)
+    clamped_ends = no_clamped_ends(n)._replace(gamma_force_bound=gamma_force_bound)
     upper = np.full(len(mesh.side), -np.inf)
-    doubt = np.zeros(len(mesh.side))
-    np.maximum.at(upper, lift.g.edge, lift.g.upper)
-    np.maximum.at(doubt, lift.g.edge, lift.g.doubt)
-    # v is lowered at a node by the larger doubt of the two edges there, and one of them may be clamped
-    lowered = ADDED * np.maximum(doubt, np.maximum(np.roll(doubt, 1), np.roll(doubt, -1)))
-    trace = u_h[mesh.boundary]
+    remainder = np.zeros(len(mesh.side))
+    np.maximum.at(upper, lifting.constraint.edge, lifting.constraint.g_upper)
+    np.maximum.at(remainder, lifting.constraint.edge, lifting.constraint.remainder)
+    # v is lowered at a node by the larger remainder of the two edges there, and one of them may be clamped
+    beside = np.maximum(np.roll(remainder, 1), np.roll(remainder, -1))
+    lowered = LOWERING_PER_REMAINDER * np.maximum(remainder, beside)
+    # v - g on an edge is at least the lower nodal value less g_upper, and less what v is lowered by
+    trace = v_lower[mesh.boundary]
     gap = np.minimum(trace, np.roll(trace, -1)) - upper - lowered
-    pushed = flux.push > 0
-    gap[pushed | np.roll(pushed, 1) | np.roll(pushed, -1)] = 0.0
+    # in contact v is p at the nodes, which the edges beside share
+    in_contact = normal_flux.contact_scale > 0
+    gap[in_contact | np.roll(in_contact, 1) | np.roll(in_contact, -1)] = 0.0
     clamped = np.isin(np.arange(n), form.clamped)
     lengths = np.diff(mesh.s)
+    # from each vertex between a clamped side and another one along this, as long as the gap is wide
     for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
         side = (vertex - 1) % n if clamped[vertex] else vertex
         edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
-        wide = gap[edges] > HALF * max(gap[edges[0]], 0.0)
+        wide = gap[edges] > MIN_GAP_FRACTION * max(gap[edges[0]], 0.0)
         edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
         if edges.size and np.isfinite(gap[edges]).all():
-            found.reach[vertex], found.gamma[vertex] = lengths[edges].sum(), gap[edges].min()
-    return found
+            clamped_ends.gap_length[vertex] = lengths[edges].sum()
+            clamped_ends.gamma[vertex] = gap[edges].min()
+    return clamped_ends
 
 
 def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
-    """(2, n) the integrals of q.n over the clamped sides, 0 on others, for q as `equilibrated` gives it.
+    """The integrals of q.n over clamped sides, 0 on others, and the sums of their sizes on edges, (2, n).
 
-    Beside them are the sums of their magnitudes on edges, which rounding is measured by.
+    Rounding is measured by the sizes.
     """
-    through = -q[0, mesh.triangulation.boundary] * form.edges(mesh)
+    # the flow over an edge is that to its left, which is into the domain
+    outflow = -q[0, mesh.triangulation.boundary_edges] * form.clamped_edges(mesh)
     n = mesh.polygon.n_sides
-    return np.array([np.bincount(mesh.side, each, n) for each in (through, np.abs(through))])
+    return np.array([np.bincount(mesh.side, values, n) for values in (outflow, np.abs(outflow))])
 
 
-def place(mesh: Mesh, vertex: int) -> int:
+def boundary_index(mesh: Mesh, vertex: int) -> int:
     """The place of that vertex of the polygon in `mesh.boundary`."""
     return int(np.searchsorted(mesh.side, vertex))
 
 
-def inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
+def gap_nodes(mesh: Mesh, vertex: int, reactions: ReactionData) -> Index:
     """The places in `mesh.boundary` of nodes on the side with contact whose next edges lie within reach."""
-    forward = vertex not in clamps.form.clamped
+    forward = vertex not in reactions.form.clamped
     edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
     edges = edges if forward else edges[::-1]
-    within = np.cumsum(np.diff(mesh.s)[edges]) <= clamps.ends.reach[vertex]
+    within = np.cumsum(np.diff(mesh.s)[edges]) <= reactions.clamped_ends.gap_length[vertex]
     return edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
 
 
-def conflicts(part: Index, clamps: Clamps) -> list[tuple[int, int]]:
+def find_conflicts(sides: Index, reactions: ReactionData) -> list[tuple[int, int]]:
     """The vertices between a clamped side and one with contact at which the part ends.
 
     Each comes with the bound for which w cannot pass from one side to the other: 0 is that below, 1 above.
     """
-    found, n = [], len(clamps.ends.reach)
+    conflicts = []
+    n = len(reactions.clamped_ends.gap_length)
     for vertex in range(n):
         pair = {vertex, (vertex - 1) % n}
-        inside, clamped = pair & {*part.tolist()}, pair & {*clamps.form.clamped}
-        if len(inside) == len(clamped) == 1 and not pair & {*clamps.form.free}:
-            found.append((vertex, int(inside != clamped)))
-    return found
+        inside = pair & {*sides.tolist()}
+        clamped = pair & {*reactions.form.clamped}
+        if len(inside) == len(clamped) == 1 and not pair & {*reactions.form.free}:
+            conflicts.append((vertex, int(inside != clamped)))
+    return conflicts
 
 
-def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
-    """What the bounds below and above lack for their `conflicts`, at the ends of the part."""
-    most, edges = [0.0, 0.0], np.diff(mesh.s)
-    for vertex, which in conflicts(part, clamps):
-        first = edges[place(mesh, vertex) - (vertex in clamps.form.clamped)]
-        known = first <= clamps.ends.reach[vertex]
-        amount = clamps.ends.product / clamps.ends.gamma[vertex] if known else np.inf
-        most[which] = max(most[which], amount)
-    return most[0], most[1]
+def conflict_allowances(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[float, float]:
+    """How much the lower and the upper bound on a force lack at its conflicts."""
+    allowances = [0.0, 0.0]
+    lengths = np.diff(mesh.s)
+    for vertex, which in find_conflicts(sides, reactions):
+        first_length = lengths[boundary_index(mesh, vertex) - (vertex in reactions.form.clamped)]
+        is_bounded = first_length <= reactions.clamped_ends.gap_length[vertex]
+        # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16)
+        amount = (
+            reactions.clamped_ends.gamma_force_bound / reactions.clamped_ends.gamma[vertex]
+            if is_bounded
+            else np.inf
+        )
+        allowances[which] = max(allowances[which], amount)
+    return allowances[0], allowances[1]

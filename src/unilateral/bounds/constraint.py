@@ -19,16 +19,16 @@ from unilateral.fem.form import Form
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle_and_flux import Obstacle
-from unilateral.problems.piecewise import ORDER, PLACES
+from unilateral.problems.piecewise import ARC_LENGTH_ERROR_ULPS, PIECE_DEGREE
 
-PARTS = 8
+INTERVALS_PER_EDGE = 8
 """Every edge is cut into this many equal intervals, on each of which the sign of p - v is asked for."""
-SLOPE = 2 * ORDER**2 * PARTS
-"""The steepest slope, per edge length, of a polynomial of degree ORDER of size 1 on a PARTS-th of an edge.
+MARKOV_SLOPE = 2 * PIECE_DEGREE**2 * INTERVALS_PER_EDGE
+"""The steepest slope, per edge length, of a polynomial of degree PIECE_DEGREE of size 1 on an interval.
 
 That is Markov's inequality. So rounding of p by an amount changes slopes by this times that amount.
 """
-ON_INTERVALS = ("edge", "x", "weight", "p", "slope", "doubt", "upper")
+INTERVAL_FIELDS = ("edge", "x", "weight", "p", "slope", "remainder", "g_upper")
 """The fields of a `Constraint` that are given for each interval."""
 
 
@@ -37,147 +37,155 @@ class Constraint:
     """g on the boundary edges of a mesh; edges on free sides are left out.
 
     The unknowns of P2 on the boundary are those at its nodes, then those at the midpoints of its edges;
-    `unknowns` (nb, 3) are the ones at the start, the end and the midpoint of every edge. `at_unknowns`
-    (2 nb,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p is smaller at an end of
-    the edge than on the edge before or after, by more than p of data that fit together can be there
+    `unknowns` (nb, 3) are the ones at the start, the end and the midpoint of every edge. `p_at_unknowns` (2
+    nb,) is p at these, -inf where there is no p. `has_jump` (nb,) says whether p is smaller at an end of the
+    edge than on the edge before or after, by more than p of data that fit together can be there
     (`allowed_jumps`), or whether rounding hides that. So it may be at a clamped side, where v = u_D > g; on a
     clamped edge it is a u_D that is no trace. `rounding` (nb,) is that of p. The other fields belong to K
     intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
-    `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
-    `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the L2 norm of
-    the derivative of u_D - p there. `clamped_values` (n,) is u_D, as p has it, at the nodes on these edges,
-    and 0 at the others.
+    `weight`, `p` and its derivative, the `slope`; the `remainder` (K,), which includes the rounding of p; and
+    `g_upper` (K,), an upper bound on g. The edges `clamped_edges` (nb,) have v = u_D; `slope_remainder` (nb,)
+    bounds the L2 norm of the derivative of u_D - p there. `clamped_values` (n,) is u_D, as p has it, at the
+    nodes on these edges, and 0 at the others.
     """
 
     mesh: Mesh
     unknowns: Index
-    at_unknowns: Array
-    jumps: Mask
+    p_at_unknowns: Array
+    has_jump: Mask
     edge: Index
     x: Array
     weight: Array
     p: Array
     slope: Array
     rounding: Array
-    doubt: Array
-    upper: Array
-    clamped: Mask
+    remainder: Array
+    g_upper: Array
+    clamped_edges: Mask
     clamped_values: Array
-    steep: Array
+    slope_remainder: Array
 
     @cached_property
-    def highest(self) -> Array:
-        """(nb,) upper bounds on p plus its doubt on the edges, -inf where there is no p."""
+    def p_upper(self) -> Array:
+        """An upper bound on p plus its remainder on each boundary edge, -inf where there is no p, (nb,)."""
         highest = np.full(len(self.unknowns), -np.inf)
-        np.maximum.at(highest, self.edge, bernstein_bounds(self.p)[1] + self.doubt)
+        np.maximum.at(highest, self.edge, bernstein_bounds(self.p)[1] + self.remainder)
         return highest
 
-    def near(self, v: Array, also: Mask) -> Constraint:
-        """The constraint without edges where v (2 nb,) is above g and its doubt; those `also` (nb,) stay.
+    def select_near_edges(self, v: Array, always: Mask) -> Constraint:
+        """The constraint without edges where v (2 nb,) is above g and its remainder; `always` (nb,) stay.
 
         On an edge v is at least its least coefficient in Bernstein's basis, and so are its coefficients on an
-        interval; `highest` bounds p from above likewise. So on the intervals left out the coefficients of
-        p - v, with the doubt and the rounding, are below 0.
+        interval; `p_upper` bounds p from above likewise. So on the intervals left out the coefficients of
+        p - v, with the remainder and the rounding, are below 0.
         """
         start, end, middle = v[self.unknowns].T
-        least = np.minimum(np.minimum(start, end), 2 * middle - 0.5 * (start + end))
-        rounding = 8 * ROUNDING * np.abs(v[self.unknowns]).max(axis=1)
-        of = (also | ~(self.highest + rounding <= least))[self.edge]
-        return replace(self, **{name: getattr(self, name)[of] for name in ON_INTERVALS})
+        # the Bernstein coefficients of v on an edge are v at its ends and 2 v(m) - (v(a) + v(b)) / 2
+        v_lower = np.minimum(np.minimum(start, end), 2 * middle - 0.5 * (start + end))
+        rounding = 8 * BERNSTEIN_ROUNDING * np.abs(v[self.unknowns]).max(axis=1)
+        selection = (always | ~(self.p_upper + rounding <= v_lower))[self.edge]
+        return replace(self, **{name: getattr(self, name)[selection] for name in INTERVAL_FIELDS})
 
-    def trace(self, v: Array) -> tuple[Array, Array]:
+    def trace_and_slope(self, v: Array) -> tuple[Array, Array]:
         """v and its derivative along the edges, (K, Q) each."""
-        x, (start, end, middle) = self.x, (a[:, None] for a in v[self.unknowns][self.edge].T)
+        # the shape functions of P2 on [0, 1], and their derivatives
+        x = self.x
+        start, end, middle = v[self.unknowns][self.edge].T[..., None]
         value = start * (1 - x) * (1 - 2 * x) + end * x * (2 * x - 1) + middle * 4 * x * (1 - x)
         slope = start * (4 * x - 3) + end * (4 * x - 1) + middle * 4 * (1 - 2 * x)
         return value, slope / np.diff(self.mesh.s)[self.edge][:, None]
 
-    def integrals(self, values: Array) -> Array:
-        """(nb,) integrals over the edges."""
-        of = np.bincount(self.edge, np.sum(self.weight * values, axis=1), len(self.unknowns))
-        return np.asarray(of, dtype=float)
+    def edge_integrals(self, values: Array) -> Array:
+        """The integrals (nb,) over the boundary edges of a function with these values at their points."""
+        integrals = np.bincount(self.edge, np.sum(self.weight * values, axis=1), len(self.unknowns))
+        return np.asarray(integrals, dtype=float)
 
 
-def constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
+def build_constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
     """The constraint v >= g on the edges with multipliers, and v = u_D on those that the form clamps."""
-    clamped = form.edges(mesh)
-    constrained = form.held(mesh.side) | clamped
-    known = obstacle.on_edges(mesh.s, mesh.side, constrained, PARTS)
-    edge = known.edge
+    clamped = form.clamped_edges(mesh)
+    constrained = form.has_multiplier(mesh.side) | clamped
+    samples = obstacle.sample_on_edges(mesh.s, mesh.side, constrained, INTERVALS_PER_EDGE)
+    edge = samples.edge
     lengths = np.diff(mesh.s)
     start = np.arange(len(lengths))
     unknowns = np.column_stack([start, np.roll(start, -1), len(start) + start])
 
     # At a vertex the larger of two values of p counts, and p rises linearly along the other edge
-    allowed = np.column_stack([known.allowed_jumps, np.roll(known.allowed_jumps, -1)])
-    at_unknowns, rise, jumps = _at_ends(known.ends, unknowns, constrained, allowed)
-    x = np.clip((known.s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
-    p = known.value + (rise[edge, :1] * (1 - x) + rise[edge, 1:] * x)
-    slope = known.slope + (np.diff(rise)[:, 0] / lengths)[edge][:, None]
+    allowed_jumps = np.column_stack([samples.allowed_jumps, np.roll(samples.allowed_jumps, -1)])
+    p_at_unknowns, rise, has_jump = _join_at_vertices(samples.ends, unknowns, constrained, allowed_jumps)
+    x = np.clip((samples.s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
+    p = samples.value + (rise[edge, :1] * (1 - x) + rise[edge, 1:] * x)
+    slope = samples.slope + (np.diff(rise)[:, 0] / lengths)[edge][:, None]
 
     # p is rounded, and so are the places at which it is known
     rounding = np.zeros(len(lengths))
-    moved = PLACES * np.spacing(mesh.polygon.perimeter) * np.abs(slope).max(axis=1)
-    np.maximum.at(rounding, edge, ROUNDING * np.abs(p).max(axis=1) + moved)
+    place_rounding = ARC_LENGTH_ERROR_ULPS * np.spacing(mesh.polygon.perimeter) * np.abs(slope).max(axis=1)
+    np.maximum.at(rounding, edge, BERNSTEIN_ROUNDING * np.abs(p).max(axis=1) + place_rounding)
 
     # u_D at a node is p on the edge that begins there, if that is clamped
     clamped_values = np.zeros(mesh.n_nodes)
-    clamped_values[np.roll(mesh.boundary, -1)[clamped]] = known.ends[clamped, 1]
-    clamped_values[mesh.boundary[clamped]] = known.ends[clamped, 0]
+    clamped_values[np.roll(mesh.boundary, -1)[clamped]] = samples.ends[clamped, 1]
+    clamped_values[mesh.boundary[clamped]] = samples.ends[clamped, 0]
 
-    # On clamped edges the squares of |u_D' - p'|, with what a change of p by its rounding makes of p'
-    changed = np.where(clamped, SLOPE * ((rounding + rise.max(axis=1)) / lengths), 0.0)[edge]
-    steep = 2 * known.half * (known.steep + changed) ** 2
-    steep += np.minimum(2 * known.half, 2 * known.reach) * (known.kinks + changed) ** 2
+    # On clamped edges int |u_D' - p'|^2, with what a change of p by its rounding makes of p'; near ends of
+    # pieces, within the `reach` of places that are rounded, it has another bound
+    slope_rounding = np.where(clamped, MARKOV_SLOPE * ((rounding + rise.max(axis=1)) / lengths), 0.0)[edge]
+    slope_squares = 2 * samples.half_length * (samples.slope_remainder + slope_rounding) ** 2
+    near_ends = np.minimum(2 * samples.half_length, 2 * samples.reach)
+    slope_squares += near_ends * (samples.end_slope_remainder + slope_rounding) ** 2
     return Constraint(
         mesh,
         unknowns,
-        at_unknowns,
-        jumps,
+        p_at_unknowns,
+        has_jump,
         edge,
         x=x,
-        weight=known.half[:, None] * known.weights,
+        weight=samples.half_length[:, None] * samples.weights,
         p=p,
         slope=slope,
         rounding=rounding,
-        doubt=known.doubt + 2 * rounding[edge] + rise.max(axis=1)[edge],
-        upper=known.upper,
-        clamped=clamped,
+        remainder=samples.remainder + 2 * rounding[edge] + rise.max(axis=1)[edge],
+        g_upper=samples.upper,
+        clamped_edges=clamped,
         clamped_values=clamped_values,
-        steep=np.sqrt(np.bincount(edge, steep, len(lengths))),
+        slope_remainder=np.sqrt(np.bincount(edge, slope_squares, len(lengths))),
     )
 
 
-def _at_ends(on_edges: Array, unknowns: Index, on: Mask, allowed: Array) -> tuple[Array, Array, Mask]:
+def _join_at_vertices(
+    edge_values: Array, unknowns: Index, constrained: Mask, allowed_jumps: Array
+) -> tuple[Array, Array, Mask]:
     """p (n,) at the unknowns, what p is raised by at the edges' ends (nb, 2), and where it jumps (nb,).
 
-    p has the values `on_edges` (nb, 3). At a vertex the larger of two values counts. If the other one lacks
-    what is `allowed` (nb, 2), that is added to p linearly along its edge, or else w (`feasible`) would not
-    vanish at the vertex. If it lacks more, p jumps.
+    p has the values `edge_values` (nb, 3). At a vertex the larger of two values counts. If the other one
+    lacks what is `allowed_jumps` (nb, 2), that is added to p linearly along its edge, or else w
+    (`feasible`) would not vanish at the vertex. If it lacks more, p jumps.
     """
-    at_unknowns = np.full(unknowns.max() + 1, -np.inf)
-    np.maximum.at(at_unknowns, unknowns[on], on_edges[on])
-    lacking = np.full((len(on), 2), np.inf)
-    lacking[on] = at_unknowns[unknowns[on, :2]] - on_edges[on, :2]
-    jumps = np.any(lacking > allowed, axis=1)
-    rise = np.where(jumps[:, None], 0.0, lacking)
-    at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)
-    return at_unknowns, rise, jumps
+    p_at_unknowns = np.full(unknowns.max() + 1, -np.inf)
+    np.maximum.at(p_at_unknowns, unknowns[constrained], edge_values[constrained])
+    lacking = np.full((len(constrained), 2), np.inf)
+    lacking[constrained] = p_at_unknowns[unknowns[constrained, :2]] - edge_values[constrained, :2]
+    has_jump = np.any(lacking > allowed_jumps, axis=1)
+    rise = np.where(has_jump[:, None], 0.0, lacking)
+    p_at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)
+    return p_at_unknowns, rise, has_jump
 
 
 @cache
-def _to_bernstein() -> Array:
-    """Coefficients in Bernstein's basis of degree ORDER from the values at Gauss points."""
-    x, k = 0.5 * (np.polynomial.legendre.leggauss(ORDER + 1)[0] + 1), np.arange(ORDER + 1)
-    binomials = np.array([math.comb(ORDER, i) for i in range(ORDER + 1)])
-    return np.asarray(np.linalg.inv(binomials * x[:, None] ** k * (1 - x[:, None]) ** (ORDER - k)))
+def _bernstein_matrix() -> Array:
+    """Coefficients in Bernstein's basis of degree PIECE_DEGREE from the values at Gauss points."""
+    x = 0.5 * (np.polynomial.legendre.leggauss(PIECE_DEGREE + 1)[0] + 1)
+    k = np.arange(PIECE_DEGREE + 1)
+    binomials = np.array([math.comb(PIECE_DEGREE, i) for i in range(PIECE_DEGREE + 1)])
+    return np.asarray(np.linalg.inv(binomials * x[:, None] ** k * (1 - x[:, None]) ** (PIECE_DEGREE - k)))
 
 
-ROUNDING = 4 * EPS * float(np.abs(_to_bernstein()).sum(axis=1).max())
+BERNSTEIN_ROUNDING = 4 * EPS * float(np.abs(_bernstein_matrix()).sum(axis=1).max())
 """The rounding of the coefficients of p in Bernstein's basis, as a multiple of the largest |p|."""
 
 
 def bernstein_bounds(values: Array) -> tuple[Array, Array]:
-    """(K,), (K,) lower and upper bounds on the polynomials with the values (K, Q) at Gauss points."""
-    coefficients = values @ _to_bernstein().T
+    """Lower and upper bounds on polynomials, from their values at Gauss points, (K,) each."""
+    coefficients = values @ _bernstein_matrix().T
     return coefficients.min(axis=1), coefficients.max(axis=1)

@@ -20,7 +20,7 @@ k^{-1/2} ||k psi_a grad u_h - q_a|| and of c^{-1/2} times the norm of what div q
 the patch, J(q_1) is at most a multiple of 1 + (c |a| / k)^{1/2} times J(q_0), and J(q_0) one of
 1 + (c |a| / k)^{-1/2} times J(q_1). So J(q_a) is at most a multiple of the smaller one of both, for
 
-    w = min(1, BALANCE k / (c |a|))^2.
+    w = min(1, PATCH_REACTION_RATIO k / (c |a|))^2.
 
 It is a choice, and only the sharpness of bounds depends on it. On meshes that see the layer of depth
 (k/c)^{1/2} w is 1.
@@ -42,40 +42,40 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32, blocks
+from unilateral.arrays import Array, Index, Int32, row_blocks
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
-CHUNK = 4096
+PATCHES_PER_BLOCK = 4096
 """This many patches, or twice as many triangles, are treated together.
 
 Their numbers fit into a processor's cache.
 """
-BALANCE = 45.0
+PATCH_REACTION_RATIO = 45.0
 """c |a| / k of a patch above which q_0 counts, too. On many meshes |a| is 3 h^2."""
 
 
-class _Numbers(NamedTuple):
+class _Patches(NamedTuple):
     """Numbers of the triangles T_j (k, p) of p patches.
 
-    `area` is T, `d` is the integral of div q_1. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
-    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c, and `through_b`, `through_c` are T k
-    times the products of grad psi_b and of grad psi_c with grad u_h. `slope` (k + 1, p) is
-    k (u_h(b_j) - u_h(a)). `weight` (p,) is w.
+    `area` is T, `divergence` is the integral of div q_1. With b and c for b_j and b_{j+1}, `bb`, `cc` and
+    `bc` are T times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c, and `through_b`, `through_c`
+    are T k times the products of grad psi_b and of grad psi_c with grad u_h. `rise` (k + 1, p) is k (u_h(b_j)
+    - u_h(a)). `weight` (p,) is w.
     """
 
     area: Array
-    d: Array
+    divergence: Array
     bb: Array
     cc: Array
     bc: Array
     through_b: Array
     through_c: Array
-    slope: Array
+    rise: Array
     weight: Array
 
 
-def equilibrated(
+def equilibrate_flux(
     mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array, form: Form = H1
 ) -> Array:
     """q on the edges of the `triangulation`, (2, E): their flows (E,) and tilts (E,).
@@ -85,214 +85,284 @@ def equilibrated(
     (k, 3) of f with the hats of some triangles; `sigma` (nb, 2) are the values at the ends of the boundary
     edges of q.n, which is linear there. They are NaN where it is not given.
     """
-    ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
-    after, f = around(mesh, moments)
+    ends = mesh.triangulation.ends.ravel()
+    boundary = mesh.triangulation.boundary_edges
+    after, f = order_spokes(mesh, moments)
     flow, tilt = q = np.zeros((2, len(ends) // 2))
-    for edge, spokes in fans(mesh, after):
-        left = spokes[:-1]
-        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), form)
+    for edge, spokes in gather_patches(mesh, after):
+        a = ends.take(spokes[0])
+        b = ends.take(spokes ^ 1)
+        patches = _assemble_patches(mesh, u_h, a, b, moments=f.take(spokes[:-1]), form=form)
         if edge.size:
-            left, (F, z) = spokes, _at_the_boundary(numbers, *_given(mesh, sigma, edge))
+            flux_spokes = spokes
+            first_spoke, last_spoke = _outer_spoke_fluxes(mesh, sigma, edge)
+            F, z = _solve_boundary_patches(patches, first_spoke, last_spoke)
         else:
-            F, z = _inside(numbers)
-        at, sign = (left >> 1).ravel(), 1 - 2 * (left & 1)
-        np.add.at(flow, at, (F * sign).ravel())
-        np.add.at(tilt, at, z.ravel())
+            flux_spokes = spokes[:-1]  # the last spoke is the first one again
+            F, z = _solve_inner_patches(patches)
+        # q is the sum of all q_a; on spokes that run against their edge F is the flow to the right, and the
+        # values at a are those at the second end, where the tilt counts with the other sign: z stays
+        edges = (flux_spokes >> 1).ravel()
+        sign = 1 - 2 * (flux_spokes & 1)
+        np.add.at(flow, edges, (F * sign).ravel())
+        np.add.at(tilt, edges, z.ravel())
+    # where sigma is given, q.n is sigma itself, not only up to the rounding of sums
     q_n = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
     q[:, boundary] = np.where(np.isnan(q_n), q[:, boundary], q_n)
     return q
 
 
-def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
-    """(3, k), (3, k) what flows into triangles through the edges opposite to their nodes, at both ends.
+def triangle_inflows(mesh: Mesh, q: Array, triangles: Index | slice) -> tuple[Array, Array]:
+    """The flow into triangles at the first and the second end of the edge opposite to each node, (3, k) each.
 
     The ends are the two nodes after the opposite one, in this order.
     """
-    edge, start = mesh.opposite_edges[of].T, mesh.triangles[of].T[[1, 2, 0]]
-    left = mesh.triangulation.ends.ravel().take(2 * edge) == start
-    flow, tilt = q[0].take(edge), q[1].take(edge)
-    flow *= 2.0 * left - 1.0
+    edge = mesh.opposite_edges[triangles].T
+    start = mesh.triangles[triangles].T[[1, 2, 0]]
+    is_left = mesh.triangulation.ends.ravel().take(2 * edge) == start
+    flow = q[0].take(edge)
+    tilt = q[1].take(edge)
+    flow *= 2.0 * is_left - 1.0
     return flow + tilt, flow - tilt
 
 
-def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Array]:
-    """(2 E,), (2 E,) for each spoke the next one anticlockwise and `of_corners` (k, 3) at the corner between.
+def order_spokes(mesh: Mesh, corner_values: Callable[[slice], Array]) -> tuple[Int32, Array]:
+    """For each spoke the next one anticlockwise, and the value at the corner between both, (2 E,) each.
 
     Behind spokes that run back along the boundary there is neither: both are 0.
     """
     ends = mesh.triangulation.ends
-    after, found = np.zeros(2 * len(ends), dtype=np.int32), np.zeros(2 * len(ends))
-    for of in blocks(len(mesh.triangles), 2 * CHUNK):
-        node, edge, values = mesh.triangles[of].T, mesh.opposite_edges[of].T, of_corners(of).T
+    after = np.zeros(2 * len(ends), dtype=np.int32)
+    value_after = np.zeros(2 * len(ends))
+    for block in row_blocks(len(mesh.triangles), 2 * PATCHES_PER_BLOCK):
+        node = mesh.triangles[block].T
+        edge = mesh.opposite_edges[block].T
+        values = corner_values(block).T
+        # corner a of a triangle lies between the spokes along the edges that end and begin at a
         spokes = [2 * e + (ends[e, 0] != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
         for i, spoke in enumerate(spokes):
-            found[spoke] = values[i]
+            value_after[spoke] = values[i]
             after[spoke] = spokes[i - 1] ^ 1
-    return after, found
+    return after, value_after
 
 
-def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
+def gather_patches(mesh: Mesh, next_spoke: Int32) -> Iterator[tuple[Int32, Int32]]:
     """The spokes (k + 1, p) of p nodes with k triangles around each, anticlockwise, one chunk after another.
 
     The last spoke of a node inside is its first one again. Before the spokes come the numbers (p,) of the
     nodes along the boundary, or none (0,) for nodes inside.
     """
-    ends, n, nb = mesh.triangulation.ends.ravel(), mesh.n_nodes, len(mesh.boundary)
-    first, number, kind = *np.empty((2, n), dtype=np.int32), 2 * np.bincount(ends, minlength=n)
+    ends = mesh.triangulation.ends.ravel()
+    n = mesh.n_nodes
+    nb = len(mesh.boundary)
+    first = np.empty(n, dtype=np.int32)
+    number = np.empty(n, dtype=np.int32)
+    # patches of one kind have equally many triangles, and all are inside or all at the boundary
+    kind = 2 * np.bincount(ends, minlength=n)
     first[ends] = np.arange(len(ends), dtype=np.int32)
-    first[mesh.boundary], number[mesh.boundary] = 2 * mesh.triangulation.boundary, np.arange(nb)
+    first[mesh.boundary] = 2 * mesh.triangulation.boundary_edges
+    number[mesh.boundary] = np.arange(nb)
     kind[mesh.boundary] -= 1
-    for which in np.flatnonzero(np.bincount(kind)):
-        nodes, k = np.flatnonzero(kind == which), which // 2
-        for part in (nodes[of] for of in blocks(len(nodes), CHUNK)):
-            fan = np.empty((k + 1, len(part)), dtype=np.int32)
-            fan[0] = first[part]
+    for code in np.flatnonzero(np.bincount(kind)):
+        nodes = np.flatnonzero(kind == code)
+        k = code // 2
+        for block in row_blocks(len(nodes), PATCHES_PER_BLOCK):
+            chunk = nodes[block]
+            fan = np.empty((k + 1, len(chunk)), dtype=np.int32)
+            fan[0] = first[chunk]
             for j in range(k):
-                fan[j + 1] = after.take(fan[j])
-            yield number[part[: len(part) * (which % 2)]], fan
+                fan[j + 1] = next_spoke.take(fan[j])
+            yield number[chunk[: len(chunk) * (code % 2)]], fan
 
 
-def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: Form) -> _Numbers:
+def _assemble_patches(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: Form) -> _Patches:
     """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
     points = mesh.points.ravel()
-    x, y = (points.take(2 * b + i) - points.take(2 * a + i) for i in range(2))
+    # |T| grad psi_b is half of the spoke to c, turned by a right angle, and |T| grad psi_c that to b
+    x = points.take(2 * b + 0) - points.take(2 * a + 0)
+    y = points.take(2 * b + 1) - points.take(2 * a + 1)
     u = u_h.take(a)
     slope = u_h.take(b) - u
     area = 0.5 * (x[:-1] * y[1:] - y[:-1] * x[1:])
-    square, scale = x * x + y * y, 0.25 / area
-    bb, cc, bc = square[1:] * scale, square[:-1] * scale, (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
+    square = x * x + y * y
+    scale = 0.25 / area
+    bb = square[1:] * scale
+    cc = square[:-1] * scale
+    bc = (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
+    # d = int_T (psi_a (c u_h - f) + k grad psi_a . grad u_h), where grad psi_a = -grad psi_b - grad psi_c
     d = form.c / 12 * area * (4 * u + slope[:-1] + slope[1:]) - moments
     slope *= form.k
-    through_b, through_c = bb * slope[:-1] + bc * slope[1:], bc * slope[:-1] + cc * slope[1:]
+    through_b = bb * slope[:-1] + bc * slope[1:]
+    through_c = bc * slope[:-1] + cc * slope[1:]
     d -= through_b + through_c
-    weight = 1 / np.maximum(1.0, form.c / (BALANCE * form.k) * area.sum(axis=0)) ** 2
-    return _Numbers(area, d, bb, cc, bc, through_b, through_c, slope, weight)
+    weight = 1 / np.maximum(1.0, form.c / (PATCH_REACTION_RATIO * form.k) * area.sum(axis=0)) ** 2
+    return _Patches(area, d, bb, cc, bc, through_b, through_c, slope, weight)
 
 
-def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
-    """(2, p), (2, p) F and z on the first and on the last spoke of nodes at which boundary edges begin.
+def _outer_spoke_fluxes(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
+    """F and z on the first and on the last spoke of the patches at starts of boundary edges, (2, p) each.
 
     They are those of the flux of q_a into the first triangle and out of the last one. On an edge a, b
 
         q_a.n = sigma(a) + (sigma(b) - sigma(a)) / 6 at a, (sigma(b) - sigma(a)) / 6 at b.
     """
     lengths = np.diff(mesh.s)
-    found = []
-    for sign, at, (near, far) in ((-1, edge, sigma[edge].T), (1, edge - 1, sigma[edge - 1].T[::-1])):
-        found.append(sign * lengths[at] * np.stack([near / 3 + far / 6, near / 2]))
-    return found[0], found[1]
+    F_and_z = []
+    for sign, edges, (near, far) in ((-1, edge, sigma[edge].T), (1, edge - 1, sigma[edge - 1].T[::-1])):
+        F_and_z.append(sign * lengths[edges] * np.stack([near / 3 + far / 6, near / 2]))
+    return F_and_z[0], F_and_z[1]
 
 
-def _terms(of: _Numbers, S: Array) -> tuple[Array, Array, Array]:
+def _quadratic_terms(patches: _Patches, S: Array) -> tuple[Array, Array, Array]:
     """Derivatives of half of what is minimised on each triangle, with F_j = S_j + F_0.
 
     These are the second derivative by z_j, which is also that by z_{j+1}, and minus the first derivatives by
     z_j and by z_{j+1} where these and F_0 are 0. The mixed second derivative is `bc`.
     """
-    middle, twist = S[:-1] + S[1:], 0.25 * (of.slope[:-1] + of.slope[1:])
-    mixed = 2 * of.bc
-    load, load_next = of.cc * middle + mixed * S[:-1], of.bb * middle + mixed * S[1:]
+    middle = S[:-1] + S[1:]
+    twist = 0.25 * (patches.rise[:-1] + patches.rise[1:])
+    mixed = 2 * patches.bc
+    load = patches.cc * middle + mixed * S[:-1]
+    load_next = patches.bb * middle + mixed * S[1:]
     load += twist
     load_next -= twist
-    return of.bb + of.cc + of.bc, load, load_next
+    return patches.bb + patches.cc + patches.bc, load, load_next
 
 
-def _sums(of: _Numbers, into: Array | float, out: Array | float) -> Array:
-    """(k + 1, p) F_j on the spokes, from the first and the last one."""
-    found = np.empty_like(of.slope)
-    found[0] = into
-    lacking = (of.d.sum(axis=0) - (out - into)) / of.area.sum(axis=0)
-    for j, (d, area) in enumerate(zip(of.d, of.area, strict=True)):
-        np.add(found[j], d - area * lacking, out=found[j + 1])
-    return found
+def _accumulate_flows(patches: _Patches, first_flow: Array | float, last_flow: Array | float) -> Array:
+    """F_j on the spokes, from F on the first and on the last one, (k + 1, p)."""
+    F = np.empty_like(patches.rise)
+    F[0] = first_flow
+    # F_{j+1} - F_j is the divergence of T_j, less its part by area of what all have too much in sum
+    lacking = (patches.divergence.sum(axis=0) - (last_flow - first_flow)) / patches.area.sum(axis=0)
+    for j, (d, area) in enumerate(zip(patches.divergence, patches.area, strict=True)):
+        np.add(F[j], d - area * lacking, out=F[j + 1])
+    return F
 
 
-def _inside(of: _Numbers) -> Array:
-    """(2, k, p) F and z on the spokes of p nodes with k triangles around each.
+def _solve_inner_patches(patches: _Patches) -> Array:
+    """F and z on the spokes of patches inside the domain, (2, k, p).
 
     The unknown of the border is 2 F_0.
     """
-    S, with_b, with_c = _sums(of, 0.0, 0.0), of.bb + of.bc, of.cc + of.bc
-    (own, load, load_next), both = _terms(of, S), with_b + with_c
-    of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
-    columns = np.zeros((3, *own.shape))
-    columns[1], columns[2] = -_joined(with_c, with_b), _joined(load, load_next)
-    z, F = _periodic(_joined(own, own), of.bc, columns, 1.5 * both.sum(axis=0), -of_F.sum(axis=0))
-    mean = 0.5 * _joined(of.through_c, -of.through_b)
-    return mean + of.weight * (np.stack([S[:-1] + 0.5 * F, z]) - mean)
+    S = _accumulate_flows(patches, 0.0, 0.0)
+    # second derivatives by 2 F_0 and z_j: -with_c, z_{j+1}: -with_b, and 2 F_0 again: 1.5 (with_b + with_c)
+    with_b = patches.bb + patches.bc
+    with_c = patches.cc + patches.bc
+    z_diagonal, load, load_next = _quadratic_terms(patches, S)
+    with_both = with_b + with_c
+    F_terms = with_b * S[:-1] + with_c * S[1:] + with_both * (S[:-1] + S[1:])
+    # the columns of z_{k-1} (made later), of 2 F_0 and of the load
+    columns = np.zeros((3, *z_diagonal.shape))
+    columns[1] = -_sum_at_spokes(with_c, with_b)
+    columns[2] = _sum_at_spokes(load, load_next)
+    z, F = _solve_bordered_periodic(
+        diagonal=_sum_at_spokes(z_diagonal, z_diagonal),
+        off_diagonal=patches.bc,
+        columns=columns,
+        border_diagonal=1.5 * with_both.sum(axis=0),
+        border_load=-F_terms.sum(axis=0),
+    )
+    # q_0.n = psi_a times the mean of k grad u_h.n on both sides: F = z = half of that times the length
+    q_0 = 0.5 * _sum_at_spokes(patches.through_c, -patches.through_b)
+    return q_0 + patches.weight * (np.stack([S[:-1] + 0.5 * F, z]) - q_0)
 
 
-def _joined(after: Array, before: Array) -> Array:
-    """(k, p) on the spokes, from the triangles after and before them."""
-    found = after.copy()
-    found[0] += before[-1]
-    found[1:] += before[:-1]
-    return found
+def _sum_at_spokes(following: Array, preceding: Array) -> Array:
+    """The sums at each spoke of the values of the triangles after and before it, (k, p)."""
+    sums = following.copy()
+    sums[0] += preceding[-1]
+    sums[1:] += preceding[:-1]
+    return sums
 
 
-def _periodic(
-    diagonal: Array, off: Array, columns: Array, corner: Array, last_load: Array
+def _solve_bordered_periodic(
+    diagonal: Array, off_diagonal: Array, columns: Array, border_diagonal: Array, border_load: Array
 ) -> tuple[Array, Array]:
-    """z (k, p) and F (p,) of p systems: periodic, tridiagonal, `off` between z_j and z_{j+1}, and a border.
+    """The solutions z and F of systems that are periodic and tridiagonal, with one border.
 
     z_0, .., z_{k-2} are eliminated, which leaves two unknowns, z_{k-1} and F. Their columns, of which the
     first one is made here, and the load are `columns` (3, k, p). These and `diagonal` are overwritten.
     """
-    m, (last, border, load) = len(diagonal) - 1, columns
-    last[0] = off[m]
-    last[m - 1] += off[m - 1]
+    m = len(diagonal) - 1
+    last, border, load = columns
+    last[0] = off_diagonal[m]
+    last[m - 1] += off_diagonal[m - 1]
+    # eliminate z_0, .., z_{m-1} from above
     for j in range(m - 1):
-        factor = off[j] / diagonal[j]
-        diagonal[j + 1] -= factor * off[j]
+        factor = off_diagonal[j] / diagonal[j]
+        diagonal[j + 1] -= factor * off_diagonal[j]
         columns[:, j + 1] -= factor * columns[:, j]
     inverse = 1 / diagonal[:m]
-    over, factors = columns[:, :m] * inverse, off[:m] * inverse
-    a, b, r = (
-        x - _dot(over[0], y[:m]) for x, y in ((diagonal[m], last), (border[m], border), (load[m], load))
-    )
-    c, s = (x - _dot(over[1], y[:m]) for x, y in ((corner, border), (last_load, load)))
-    z, determinant = np.empty_like(diagonal), a * c - b * b
-    z[m], F = (c * r - b * s) / determinant, (a * s - b * r) / determinant
+    over = columns[:, :m] * inverse
+    factors = off_diagonal[:m] * inverse
+    # what is left for z_m and F: ((a, b), (b, c)) (z_m, F) = (r, s)
+    a = diagonal[m] - _column_dots(over[0], last[:m])
+    b = border[m] - _column_dots(over[0], border[:m])
+    r = load[m] - _column_dots(over[0], load[:m])
+    c = border_diagonal - _column_dots(over[1], border[:m])
+    s = border_load - _column_dots(over[1], load[:m])
+    z = np.empty_like(diagonal)
+    determinant = a * c - b * b
+    z[m] = (c * r - b * s) / determinant
+    F = (a * s - b * r) / determinant
+    # back substitution
     z[:m] = over[2] - over[0] * z[m] - over[1] * F
     for j in range(m - 2, -1, -1):
         z[j] -= factors[j] * z[j + 1]
     return z, F
 
 
-def _dot(a: Array, b: Array) -> Array:
-    """(p,) sums of the products of (m, p)."""
+def _column_dots(a: Array, b: Array) -> Array:
+    """The sums of the products of two arrays, column by column, (p,)."""
     return np.asarray((a * b).sum(axis=0))
 
 
-def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
-    """(2, k + 1, p) F and z on the spokes of p nodes at the boundary, from those (2, p) on the outer spokes.
+def _solve_boundary_patches(patches: _Patches, first_spoke: Array, last_spoke: Array) -> Array:
+    """F and z on the spokes of patches at boundary nodes, from those on the outer spokes, (2, k + 1, p).
 
     Where the flux through an outer spoke is not given these are NaN, and F_0, if neither is, is an unknown.
     """
-    given, whole = ~np.isnan([into[0], out[0]]), of.d.sum(axis=0)
-    start = np.where(given[0], into[0], np.where(given[1], out[0] - whole, -0.5 * whole))
-    S = _sums(of, start, np.where(given[1], out[0], start + whole))
-    own, load, load_next = _terms(of, S)
-    with_b, with_c = of.bb + of.bc, of.cc + of.bc
-    none, columns = np.zeros((1, S.shape[1])), np.zeros((3, *S.shape))
-    diagonal, columns[1], columns[2] = (
-        np.concatenate([after, none]) + np.concatenate([none, before])
-        for after, before in ((own, own), (-with_c, -with_b), (load, load_next))
-    )
-    off = np.concatenate([of.bc, none])
-    for held, j, beside, next_, z in ((given[0], 0, 0, 1, into[1]), (given[1], -1, -2, -2, out[1])):
-        columns[2, next_] -= np.where(held, off[beside] * z, 0.0)
-        off[beside, held] = 0.0
-        diagonal[j, held], columns[1, j, held], columns[2, j, held] = 1.0, 0.0, z[held]
-    free, both = ~given.any(axis=0), with_b + with_c
+    is_given = ~np.isnan([first_spoke[0], last_spoke[0]])
+    total_divergence = patches.divergence.sum(axis=0)
+    # F_0 is given, or follows from the last F and the divergence, or is this plus an unknown
+    from_last = np.where(is_given[1], last_spoke[0] - total_divergence, -0.5 * total_divergence)
+    F_0 = np.where(is_given[0], first_spoke[0], from_last)
+    S = _accumulate_flows(patches, F_0, np.where(is_given[1], last_spoke[0], F_0 + total_divergence))
+    z_diagonal, load, load_next = _quadratic_terms(patches, S)
+    with_b = patches.bb + patches.bc
+    with_c = patches.cc + patches.bc
+    # the system of a patch inside, without a triangle before the first spoke and after the last one
+    no_triangle = np.zeros((1, S.shape[1]))
+    columns = np.zeros((3, *S.shape))
+    diagonal = np.concatenate([z_diagonal, no_triangle]) + np.concatenate([no_triangle, z_diagonal])
+    columns[1] = np.concatenate([-with_c, no_triangle]) + np.concatenate([no_triangle, -with_b])
+    columns[2] = np.concatenate([load, no_triangle]) + np.concatenate([no_triangle, load_next])
+    off_diagonal = np.concatenate([patches.bc, no_triangle])
+    # z on a spoke where the flux is given is known, and its row is that of the identity
+    for fixed, j, beside, next_, z in (
+        (is_given[0], 0, 0, 1, first_spoke[1]),
+        (is_given[1], -1, -2, -2, last_spoke[1]),
+    ):
+        columns[2, next_] -= np.where(fixed, off_diagonal[beside] * z, 0.0)
+        off_diagonal[beside, fixed] = 0.0
+        diagonal[j, fixed] = 1.0
+        columns[1, j, fixed] = 0.0
+        columns[2, j, fixed] = z[fixed]
+    # F_0 is no unknown where one of both fluxes is given
+    free = ~is_given.any(axis=0)
+    with_both = with_b + with_c
     columns[1, :, ~free] = 0.0
-    of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
-    load_of_F = 0.5 * (of.slope[-1] - of.slope[0]) - of_F.sum(axis=0)  # inside the domain slopes cancel
-    corner = np.where(free, 1.5 * both.sum(axis=0), 1.0)
-    z, F = _periodic(diagonal, off, columns, corner, np.where(free, load_of_F, 0.0))
-    mean = 0.5 * (np.concatenate([of.through_c, none]) - np.concatenate([none, of.through_b]))
+    F_terms = with_b * S[:-1] + with_c * S[1:] + with_both * (S[:-1] + S[1:])
+    F_load = 0.5 * (patches.rise[-1] - patches.rise[0]) - F_terms.sum(axis=0)  # slopes cancel inside
+    F_diagonal = np.where(free, 1.5 * with_both.sum(axis=0), 1.0)
+    z, F = _solve_bordered_periodic(diagonal, off_diagonal, columns, F_diagonal, np.where(free, F_load, 0.0))
+    # q_0: on outer spokes there is a flux on one side only, and what is given is kept
+    after = np.concatenate([patches.through_c, no_triangle])
+    before = np.concatenate([no_triangle, patches.through_b])
+    mean = 0.5 * (after - before)
     mean[[0, -1]] *= 2
-    average = np.stack([mean, mean])
-    for held, j, spoke in ((given[0], 0, into), (given[1], -1, out)):
-        average[:, j] = np.where(held, spoke, average[:, j])
-    return average + of.weight * (np.stack([S + 0.5 * F, z]) - average)
+    q_0 = np.stack([mean, mean])
+    for fixed, j, spoke in ((is_given[0], 0, first_spoke), (is_given[1], -1, last_spoke)):
+        q_0[:, j] = np.where(fixed, spoke, q_0[:, j])
+    return q_0 + patches.weight * (np.stack([S + 0.5 * F, z]) - q_0)

@@ -1,6 +1,6 @@
 """How a P2 function v is made to satisfy v >= g on the boundary, and what is still missing then.
 
-g is within `doubt` of a continuous piecewise polynomial p (`Obstacle`). v is raised to p at the nodes and
+g is within `remainder` of a continuous piecewise polynomial p (`Obstacle`). v is raised to p at the nodes and
 midpoints of the boundary edges, or at a midpoint above p. On an edge where v is in contact r = p - v is left,
 of any sign, elsewhere r = (p - v)_+, p there less its rounding; both vanish at the edge's ends. The extension
 w of r into a triangle T at the edge e, homogeneous of degree 1 about the vertex off e, vanishes on the
@@ -12,12 +12,12 @@ for w(x + t (s - x), l (1 - t)) = t r(s) has the gradient (r', ((s - x) r' - r) 
 T is the mesh's triangle at e, or, where that is higher than 2 (k/c)^{1/2}, the one of this height whose third
 vertex lies on the line from the midpoint of e to the vertex of the mesh's triangle.
 Where g is smooth r' = O(h^2), and |w|_1 = O(h^{5/2}). At last a function of V_h is added that is at least
-the doubt on every edge where v + w >= g needs it. (u_h, lambda_H) says where there is contact.
+the remainder on every edge where v + w >= g needs it. (u_h, lambda_H) says where there is contact.
 
 On clamped edges v + w + more = u_D. As in contact r = p - v has any sign, and u_D - p is known up to its
-doubt, and its derivative in L2. At the nodes there the last function may have either sign. What is left of
-u_D - p then vanishes at the ends of e. Beside a vertex at which u_D is known to be above g only up to the
-doubt, g counts as lower by the doubt, as data that jump there by as little do. For such a function rho,
+remainder, and its derivative in L2. At the nodes there the last function may have either sign. What is left
+of u_D - p then vanishes at the ends of e. Beside a vertex at which u_D is known to be above g only up to the
+remainder, g counts as lower by that, as data that jump there by as little do. For such a function rho,
 ||rho||_e <= |e| ||rho'||_e / pi, so that the norm of its extension is at most a multiple of ||rho'||_e.
 
 Nothing is left to quadrature. Integrals of polynomials are exact, and where the sign of p - v is not that of
@@ -32,210 +32,257 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.bounds.boundary_flux import EdgeFlux
-from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds
+from unilateral.bounds.boundary_flux import NormalFlux
+from unilateral.bounds.constraint import BERNSTEIN_ROUNDING, Constraint, bernstein_bounds
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import Layer, layer
+from unilateral.fem.p2 import BoundaryLayer, boundary_layer
 from unilateral.geometry.mesh import Mesh
 
-PUSH = 0.5
-"""u_h counts as in contact where it is less than this times H_i lambda_i / k above g (`EdgeFlux.push`).
+CONTACT_GAP_RATIO = 0.5
+"""u_h is in contact where it is less than this times H_i lambda_i / k above g (`NormalFlux.contact_scale`).
 
 Only the sharpness of the bounds depends on it.
 """
-DEAR = 16.0
+EXTENSION_COST_RATIO = 16.0
 """The squared norm of w counts this many times as much as that of a raised midpoint when one is chosen.
 
 Only the sharpness of the bounds depends on it.
 """
-LAYERS = 2.0
+MAX_EXTENSION_LAYERS = 2.0
 """Extensions reach this far into the domain, in units of (k/c)^{1/2}. Only the sharpness depends on it."""
-SPARE = 1.05
+MIDPOINT_OVERSHOOT = 1.05
 """A midpoint is raised by this times what the points of the rule need, for v > p between them, too."""
 
 
-class Missing(NamedTuple):
-    """Bounds on ||w||^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the doubt.
+class Shortfall(NamedTuple):
+    """Bounds on ||w||^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the remainder.
 
-    The sum of `squares` (nb,) is at least ||w||^2, the energy norm, and the sum of `slack` (nb,) is a bound
-    on the product; `added` (nb,) are values at the boundary nodes. At those of clamped sides any value may be
-    added whose size is at most that in `either` (nb,), which is 0 at the others.
+    The sum of `extension_squares` (nb,) is at least ||w||^2, the energy norm, and the sum of
+    `edge_complementarity` (nb,) is a bound on the product; `nodal_raise` (nb,) are values at the boundary
+    nodes. At those of clamped sides any value may be added whose size is at most that in `nodal_change`
+    (nb,), which is 0 at the others.
     """
 
-    squares: Array
-    slack: Array
-    added: Array
-    either: Array
+    extension_squares: Array
+    edge_complementarity: Array
+    nodal_raise: Array
+    nodal_change: Array
 
     @property
-    def norm(self) -> float:
+    def extension_norm(self) -> float:
         """A bound on the energy norm of w."""
-        return math.sqrt(float(self.squares.sum()))
+        return math.sqrt(float(self.extension_squares.sum()))
 
     @property
-    def product(self) -> float:
+    def complementarity(self) -> float:
         """A bound on <q.n, v + w + added - g>."""
-        return max(float(self.slack.sum()), 0.0)
+        return max(float(self.edge_complementarity.sum()), 0.0)
 
 
-def raised(
-    g: Constraint, form: Form, v: Array, contact: Mask, flux: Array, stiffness: Array
+def raise_to_obstacle(
+    constraint: Constraint, form: Form, v: Array, contact: Mask, sigma: Array, bubble_square_norms: Array
 ) -> tuple[Array, Mask]:
-    """v (n,), raised to at least p at the unknowns, and (nb,) the edges on which r has any sign.
+    """v (2 nb,), raised to at least p at the unknowns, and (nb,) the edges on which r has any sign.
 
-    v = p at the unknowns in `contact` (n,). On every edge the cheapest of these is taken: r has any sign,
-    which is for edges with all three unknowns in contact and without a jump of p; r is (p - v)_+; or the
-    midpoint is raised above p. `stiffness` (nb,) are the squared norms of the midpoints' basis functions, and
-    `flux` is that of `missing`.
+    v = p at the unknowns in `contact` (2 nb,), which has all those of clamped edges, where p = u_D. On every
+    edge the cheapest of these is taken: r has any sign, which is for edges with all three unknowns in contact
+    and without a jump of p; r is (p - v)_+; or the midpoint is raised above p. `bubble_square_norms` (nb,)
+    are the squared norms of the midpoints' basis functions, and `sigma` is that of `bound_shortfall`.
     """
-    v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
-    touching = g.clamped | contact[g.unknowns].all(axis=1) & ~g.jumps
-    g = g.near(v, touching | flux.any(axis=1))
-    above, by = v.copy(), _bubbles(g, v)
-    above[g.unknowns[:, 2]] += by
-    none = np.zeros_like(touching)
-    extended, kept, lifted = (
-        DEAR * squares + 2 * slack
-        for squares, slack, _ in (
-            _short(g, form, v, touching, flux),
-            _short(g, form, v, none, flux),
-            _short(g, form, above, none, flux),
-        )
+    v = np.where(contact, constraint.p_at_unknowns, np.maximum(v, constraint.p_at_unknowns))
+    touching = constraint.clamped_edges | (contact[constraint.unknowns].all(axis=1) & ~constraint.has_jump)
+    # where q.n = 0 and v is above g nothing is missing; with q.n > 0 the gap costs complementarity
+    constraint = constraint.select_near_edges(v, touching | sigma.any(axis=1))
+    v_lifted = v.copy()
+    midpoint_raise = _midpoint_raises(constraint, v)
+    v_lifted[constraint.unknowns[:, 2]] += midpoint_raise
+    nowhere = np.zeros_like(touching)
+
+    def cost(v: Array, any_sign: Mask) -> Array:
+        """The cost of w and of the complementarity in eta^2, edge by edge."""
+        squares, complementarity, _ = _edge_shortfalls(constraint, form, v, any_sign, sigma)
+        return EXTENSION_COST_RATIO * squares + 2 * complementarity
+
+    # of each edge the cheapest of three: r of any sign, (p - v)_+, and a midpoint above p
+    contact_cost = cost(v, touching)
+    plain_cost = cost(v, nowhere)
+    lifted_cost = cost(v_lifted, nowhere) + bubble_square_norms * midpoint_raise**2
+    unlifted_cost = np.where(touching, np.minimum(contact_cost, plain_cost), plain_cost)
+    is_lifted = (lifted_cost < unlifted_cost) & ~constraint.clamped_edges
+    v[constraint.unknowns[is_lifted, 2]] = v_lifted[constraint.unknowns[is_lifted, 2]]
+    return v, constraint.clamped_edges | (touching & ~is_lifted & (contact_cost <= plain_cost))
+
+
+def bound_shortfall(
+    constraint: Constraint, form: Form, v: Array, contact_edges: Mask, sigma: Array
+) -> Shortfall:
+    """Bounds on all that a raised v lacks of being feasible.
+
+    q.n is linear on every edge, with the values `sigma` (nb, 2) at its ends.
+    """
+    mesh = constraint.mesh
+    triangle = constraint.mesh.boundary_triangles
+    squares, complementarity, remainder = _edge_shortfalls(
+        constraint.select_near_edges(v, contact_edges | sigma.any(axis=1)), form, v, contact_edges, sigma
     )
-    lifted += stiffness * by**2
-    lift = (lifted < np.where(touching, np.minimum(extended, kept), kept)) & ~g.clamped
-    v[g.unknowns[lift, 2]] = above[g.unknowns[lift, 2]]
-    return v, g.clamped | touching & ~lift & (extended <= kept)
-
-
-def missing(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) -> Missing:
-    """What a raised v (n,) is short of; r has any sign on the edges `touching` (nb,).
-
-    q.n is linear on every edge, with the values `flux` (nb, 2) at its ends.
-    """
-    mesh, triangle = g.mesh, g.mesh.boundary_triangles
-    squares, slack, doubt = _short(g.near(v, touching | flux.any(axis=1)), form, v, touching, flux)
+    # ||w||^2 of a triangle with two boundary edges is at most twice the sum of both squares
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
-    added, fixed = np.maximum(doubt, np.roll(doubt, 1)), g.clamped | np.roll(g.clamped, 1)
-    most, push = np.maximum(added, np.roll(added, -1)), 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
+    nodal_raise = np.maximum(remainder, np.roll(remainder, 1))
+    is_clamped = constraint.clamped_edges | np.roll(constraint.clamped_edges, 1)
+    # what is added at the nodes raises v on an edge by at most the larger value
+    edge_raise = np.maximum(nodal_raise, np.roll(nodal_raise, -1))
+    sigma_integral = 0.5 * np.diff(mesh.s) * sigma.sum(axis=1)
     # u_D that jumps, or may for all that rounding shows, is no trace: there is no u then, and no v
-    squares = np.where(g.clamped & g.jumps, math.inf, shared * squares)
-    return Missing(squares, slack + most * push, np.where(fixed, 0.0, added), np.where(fixed, added, 0.0))
+    squares = np.where(constraint.clamped_edges & constraint.has_jump, math.inf, shared * squares)
+    return Shortfall(
+        extension_squares=squares,
+        edge_complementarity=complementarity + edge_raise * sigma_integral,
+        nodal_raise=np.where(is_clamped, 0.0, nodal_raise),
+        nodal_change=np.where(is_clamped, nodal_raise, 0.0),
+    )
 
 
-def _bubbles(g: Constraint, v: Array) -> Array:
-    """(nb,) by how much midpoints have to be raised for v > p, seen at the points of the rule."""
-    by, bubble = np.zeros(len(g.unknowns)), 4 * g.x * (1 - g.x)
-    ratio = np.where(bubble > 0, (g.p - g.trace(v)[0]) / np.where(bubble > 0, bubble, 1.0), 0.0)
-    np.maximum.at(by, g.edge, np.max(ratio, axis=1))
-    return SPARE * by
+def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
+    """By how much each midpoint has to be raised for v > p, seen at the points of the rule, (nb,)."""
+    raises = np.zeros(len(constraint.unknowns))
+    bubble = 4 * constraint.x * (1 - constraint.x)
+    lacking = constraint.p - constraint.trace_and_slope(v)[0]
+    ratio = np.where(bubble > 0, lacking / np.where(bubble > 0, bubble, 1.0), 0.0)
+    np.maximum.at(raises, constraint.edge, np.max(ratio, axis=1))
+    return MIDPOINT_OVERSHOOT * raises
 
 
-def _short(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) -> tuple[Array, Array, Array]:
-    """(nb,) bounds on ||w||^2 and on <q.n, v + w - g>, edge by edge, and the doubt where v + w needs it."""
-    value, slope = g.trace(v)
-    any_sign = touching[g.edge]
-    of_v = ROUNDING * np.abs(v[g.unknowns]).max(axis=1)
-    doubts = g.doubt + 2 * of_v[g.edge]
-    r = g.p - value - np.where(any_sign, 0.0, (g.rounding + of_v)[g.edge])[:, None]
+def _edge_shortfalls(
+    constraint: Constraint, form: Form, v: Array, contact_edges: Mask, sigma: Array
+) -> tuple[Array, Array, Array]:
+    """Bounds (nb,) on ||w||^2 and <q.n, v + w - g> per edge, and the remainder of g where v + w needs it."""
+    value, slope = constraint.trace_and_slope(v)
+    any_sign = contact_edges[constraint.edge]
+    v_rounding = BERNSTEIN_ROUNDING * np.abs(v[constraint.unknowns]).max(axis=1)
+    remainder = constraint.remainder + 2 * v_rounding[constraint.edge]
+    # r = p - v, less the rounding where it stands for (p - v)_+
+    rounding = np.where(any_sign, 0.0, (constraint.rounding + v_rounding)[constraint.edge])
+    r = constraint.p - value - rounding[:, None]
     low, high = bernstein_bounds(r)
-    foot, height = _apex(g.mesh, form)
-    arm = g.x * np.diff(g.mesh.s)[g.edge][:, None] - foot[g.edge][:, None]
-    r_prime, counts = g.slope - slope, (any_sign | (high > 0))[:, None]
-    of_r, of_slope, of_arm = (g.integrals(y**2 * counts) for y in (r, r_prime, arm * r_prime))
-    squares = form.k * 0.5 * (height * of_slope + (of_arm + 2 * of_r) / height)
-    squares += form.c * 0.25 * height * of_r
-    squares = (np.sqrt(squares) + g.steep * np.sqrt(_per_slope(g.mesh, form, foot, height))) ** 2
-    above = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
-    above = np.where(any_sign[:, None], 0.0, above) + doubts[:, None]
-    q_n = flux[g.edge, :1] * (1 - g.x) + flux[g.edge, 1:] * g.x
-    slack = g.integrals(np.where(q_n > 0, above, 0.0) * q_n)
-    needed = any_sign | ((high + doubts > 0) & ~(bernstein_bounds(value)[0] >= g.upper))
-    doubt = np.zeros(len(g.unknowns))
-    np.maximum.at(doubt, g.edge, np.where(needed, doubts, 0.0))
-    return squares, slack, doubt
+    foot, height = _extension_apexes(constraint.mesh, form)
+    arm = constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None] - foot[constraint.edge][:, None]
+    r_prime = constraint.slope - slope
+    counts = (any_sign | (high > 0))[:, None]
+    r_squares = constraint.edge_integrals(r**2 * counts)
+    slope_squares = constraint.edge_integrals(r_prime**2 * counts)
+    arm_squares = constraint.edge_integrals((arm * r_prime) ** 2 * counts)
+    # k |w|_1^2 + c ||w||^2 by the formulas above, and the extension of u_D - p on clamped edges
+    squares = form.k * 0.5 * (height * slope_squares + (arm_squares + 2 * r_squares) / height)
+    squares += form.c * 0.25 * height * r_squares
+    constants = _extension_constants(constraint.mesh, form, foot, height)
+    squares = (np.sqrt(squares) + constraint.slope_remainder * np.sqrt(constants)) ** 2
+    # v + w - p is -r where r is not extended, at most (-low)_+ where r_+ is, and 0 in contact
+    gap = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
+    gap = np.where(any_sign[:, None], 0.0, gap) + remainder[:, None]
+    q_n = sigma[constraint.edge, :1] * (1 - constraint.x) + sigma[constraint.edge, 1:] * constraint.x
+    complementarity = constraint.edge_integrals(np.where(q_n > 0, gap, 0.0) * q_n)
+    # v + w >= g up to the remainder, which is needed where v is not above g as it is
+    is_needed = any_sign | ((high + remainder > 0) & ~(bernstein_bounds(value)[0] >= constraint.g_upper))
+    edge_remainder = np.zeros(len(constraint.unknowns))
+    np.maximum.at(edge_remainder, constraint.edge, np.where(is_needed, remainder, 0.0))
+    return squares, complementarity, edge_remainder
 
 
-def _per_slope(mesh: Mesh, form: Form, foot: Array, height: Array) -> Array:
-    """(nb,) bounds on ||w||^2 for an r that vanishes at the ends of the edge, with ||r'||_e = 1."""
+def _extension_constants(mesh: Mesh, form: Form, foot: Array, height: Array) -> Array:
+    """Bounds on ||w||^2 for an r that vanishes at the ends of each edge, with ||r'||_e = 1, (nb,)."""
     lengths = np.diff(mesh.s)
-    arm, of_r = np.maximum(np.abs(foot), np.abs(lengths - foot)), (lengths / math.pi) ** 2
-    of_gradient = 0.5 * (height + (arm**2 + 2 * of_r) / height)
-    return np.asarray(form.k * of_gradient + form.c * 0.25 * height * of_r)
+    arm = np.maximum(np.abs(foot), np.abs(lengths - foot))
+    # ||r||_e <= |e| / pi, and |s - x| <= arm, in the formulas of the docstring above
+    r_square = (lengths / math.pi) ** 2
+    gradient_square = 0.5 * (height + (arm**2 + 2 * r_square) / height)
+    return np.asarray(form.k * gradient_square + form.c * 0.25 * height * r_square)
 
 
-def _apex(mesh: Mesh, form: Form) -> tuple[Array, Array]:
-    """(nb,), (nb,) the centres of extensions, by their place along the edge and their distance from it."""
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
-    off = mesh.points[mesh.triangles[mesh.boundary_triangles].sum(axis=1) - start - end] - mesh.points[start]
-    along = np.sum(off * mesh.polygon.tangents[mesh.side], axis=1)
-    height = -np.sum(off * mesh.polygon.normals[mesh.side], axis=1)
-    deepest = LAYERS * math.sqrt(form.k / form.c) if form.c else math.inf
+def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
+    """The centres of extensions, by their place along each edge and their distance from it, (nb,) each."""
+    # the vertex off the edge, whose number is the sum of the triangle's numbers less both ends
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
+    apex = mesh.points[mesh.triangles[mesh.boundary_triangles].sum(axis=1) - start - end] - mesh.points[start]
+    along = np.sum(apex * mesh.polygon.tangents[mesh.side], axis=1)
+    height = -np.sum(apex * mesh.polygon.normals[mesh.side], axis=1)
+    deepest = MAX_EXTENSION_LAYERS * math.sqrt(form.k / form.c) if form.c else math.inf
     depth = np.minimum(height, deepest)
     middle = 0.5 * np.diff(mesh.s)
     return middle + (along - middle) * (depth / height), depth
 
 
-def in_contact(g: Constraint, u_h: Array, push: Array) -> Mask:
-    """(n,) P2's unknowns in contact: u_h - g is below PUSH H_i lambda_i / k of a cell there."""
-    largest = np.zeros(len(u_h))
-    np.maximum.at(largest, g.unknowns, push[:, None])
-    return u_h - g.at_unknowns < PUSH * largest
+def find_contact(constraint: Constraint, trace: Array, contact_scale: Array) -> Mask:
+    """Which P2 unknowns (n,) are in contact: u_h - g is below CONTACT_GAP_RATIO H_i lambda_i / k there."""
+    largest = np.zeros(len(trace))
+    np.maximum.at(largest, constraint.unknowns, contact_scale[:, None])
+    return trace - constraint.p_at_unknowns < CONTACT_GAP_RATIO * largest
 
 
 class Lifting(NamedTuple):
     """What makes a function of P2 feasible on the boundary.
 
-    `contact` (2 nb,) marks the unknowns of P2 in contact, and `flux` (nb, 2) is q.n at the edges' ends.
+    `contact` (2 nb,) marks the unknowns of P2 in contact, and `sigma` (nb, 2) is q.n at the edges' ends.
     """
 
-    of: Layer
-    g: Constraint
+    layer: BoundaryLayer
+    constraint: Constraint
     form: Form
     contact: Mask
-    flux: Array
+    sigma: Array
 
-    def met(self, nodal: Array) -> tuple[Array, Array]:
-        """(nb,), (nb,) the hats and bubbles to add to values at boundary nodes, to be g in contact."""
-        before = _trace(nodal, np.zeros_like(nodal))
-        return _coefficients(np.where(self.contact, self.g.at_unknowns - before, 0.0))
+    def meet_obstacle(self, nodal: Array) -> tuple[Array, Array]:
+        """The hats and bubbles to add to values at boundary nodes, to be g in contact, (nb,) each."""
+        before = _p2_trace(nodal, np.zeros_like(nodal))
+        return _p2_coefficients(np.where(self.contact, self.constraint.p_at_unknowns - before, 0.0))
 
-    def lifted(self, nodal: Array, bubbles: Array) -> tuple[Array, Array, Missing]:
-        """(nb,), (nb,) what to add to these coefficients to make them feasible, and what is missing then."""
-        before = _trace(nodal, bubbles)
-        v, touching = raised(
-            self.g, self.form, before, self.contact, self.flux, self.of.bubble_squares(self.form)
+    def make_feasible(self, nodal: Array, bubbles: Array) -> tuple[Array, Array, Shortfall]:
+        """The hats and bubbles (nb,) to add to these to be feasible, and the shortfall that is left then."""
+        before = _p2_trace(nodal, bubbles)
+        v, contact_edges = raise_to_obstacle(
+            self.constraint,
+            self.form,
+            v=before,
+            contact=self.contact,
+            sigma=self.sigma,
+            bubble_square_norms=self.layer.bubble_square_norms(self.form),
         )
-        return *_coefficients(v - before), missing(self.g, self.form, v, touching, self.flux)
+        shortfall = bound_shortfall(self.constraint, self.form, v, contact_edges, self.sigma)
+        return *_p2_coefficients(v - before), shortfall
 
-    def added(self, short: Missing) -> Array:
-        """(k,) bounds on the squared norms of what is added for the doubt on the layer's triangles."""
-        none = np.zeros_like(short.added)
-        of_added = self.of.squares(self.form, *self.of.function(short.added, none))
-        if not np.any(short.either):
-            return of_added
-        values, _ = self.of.function(short.either, none)
-        hats = (
-            self.of.squares(self.form, np.broadcast_to(hat, values.shape), 0 * values) for hat in np.eye(3)
+    def remainder_squares(self, shortfall: Shortfall) -> Array:
+        """Bounds (k,) on the squared energy norms, by triangles of the layer, of what the remainder adds."""
+        no_bubbles = np.zeros_like(shortfall.nodal_raise)
+        hats, bubbles = self.layer.function(shortfall.nodal_raise, no_bubbles)
+        raise_squares = self.layer.square_norms(self.form, hats, bubbles)
+        # at clamped nodes the sign is not known: the norms of the hats, times the sizes, are added
+        if not np.any(shortfall.nodal_change):
+            return raise_squares
+        values, _ = self.layer.function(shortfall.nodal_change, no_bubbles)
+        hat_squares = (
+            self.layer.square_norms(self.form, np.broadcast_to(hat, values.shape), 0 * values)
+            for hat in np.eye(3)
         )
-        of_either = sum(np.sqrt(of_hat) * value for of_hat, value in zip(hats, values.T, strict=True))
-        return (np.sqrt(of_added) + of_either) ** 2
+        change_norms = sum(
+            np.sqrt(squares) * value for squares, value in zip(hat_squares, values.T, strict=True)
+        )
+        return (np.sqrt(raise_squares) + change_norms) ** 2
 
 
-def lifting(g: Constraint, form: Form, u_h: Array, flux: EdgeFlux) -> Lifting:
+def build_lifting(constraint: Constraint, form: Form, u_h: Array, normal_flux: NormalFlux) -> Lifting:
     """The lifting for u_h (n,), whose values on the edges that the constraint clamps are to be u_D."""
-    nodal = u_h[g.mesh.boundary]
-    contact = in_contact(g, _trace(nodal, np.zeros_like(nodal)), flux.push)
-    contact[g.unknowns[g.clamped]] = True
-    return Lifting(layer(g.mesh), g, form, contact, flux.ends)
+    nodal = u_h[constraint.mesh.boundary]
+    contact = find_contact(constraint, _p2_trace(nodal, np.zeros_like(nodal)), normal_flux.contact_scale)
+    contact[constraint.unknowns[constraint.clamped_edges]] = True
+    return Lifting(boundary_layer(constraint.mesh), constraint, form, contact, normal_flux.end_values)
 
 
-def _trace(nodal: Array, bubbles: Array) -> Array:
-    """(2 nb,) values at the boundary nodes, then at the midpoints of the edges."""
+def _p2_trace(nodal: Array, bubbles: Array) -> Array:
+    """The values (2 nb,) at nodes, then at midpoints of edges, from coefficients of hats and bubbles."""
     return np.concatenate([nodal, 0.5 * (nodal + np.roll(nodal, -1)) + bubbles])
 
 
-def _coefficients(trace: Array) -> tuple[Array, Array]:
-    """(nb,), (nb,) the coefficients of hats and of bubbles with that trace (2 nb,)."""
+def _p2_coefficients(trace: Array) -> tuple[Array, Array]:
+    """The coefficients of hats and of bubbles with that trace, (nb,) each."""
     nodal, middle = np.split(trace, 2)
     return nodal, middle - 0.5 * (nodal + np.roll(nodal, -1))

@@ -1,4 +1,4 @@
-"""k grad v - q and f + div q - c v on triangles, for a flux q that is given on edges, as by `equilibrated`.
+"""k grad v - q and f + div q - c v on triangles, for a flux q given on edges, as by `equilibrate_flux`.
 
 Their norms are those of `residual_norm`. Where (k/c)^{1/2} is smaller than a triangle T, there is another
 bound on what T adds for a linear v. As (q - k grad v).n is linear on the edges e of T, by parts
@@ -22,75 +22,83 @@ import math
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, blocks
-from unilateral.bounds.boundary_flux import Given
-from unilateral.bounds.equilibrated_flux import flows
+from unilateral.arrays import Array, Index, row_blocks
+from unilateral.bounds.boundary_flux import GivenEdgeFlux
+from unilateral.bounds.equilibrated_flux import triangle_inflows
 from unilateral.bounds.residual_norm import UNDERFLOW, ResidualParts
 from unilateral.bounds.source import Source
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
+from unilateral.fem.p2 import BoundaryLayer, gradients_at_nodes, linear_square_norms, quadratic_square_norms
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.refinement import CORNERS
+from unilateral.geometry.refinement import CYCLIC_CORNERS
 from unilateral.norms.oscillation import value_constants
 
-ROUNDING = 2.0**-45
+SUM_ROUNDING = 2.0**-45
 """The rounding of a sum, over its terms' sizes: 128 units in the last place, for some 20 operations each."""
 
 
-def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice, k: float = 1.0) -> Array:
-    """(m, 3, 2) k grad u_h - q at the nodes of those triangles."""
-    node = mesh.triangles[of].T
-    return _misfit(mesh, node, k * u_h.take(node), flows(mesh, q, of), mesh.areas[of]).transpose(2, 1, 0)
+def misfit(mesh: Mesh, u_h: Array, q: Array, triangles: Index | slice, k: float = 1.0) -> Array:
+    """k grad u_h - q at the nodes of triangles, (m, 3, 2)."""
+    node = mesh.triangles[triangles].T
+    return _misfit_at_nodes(
+        mesh, node, k * u_h.take(node), triangle_inflows(mesh, q, triangles), mesh.areas[triangles]
+    ).transpose(2, 1, 0)
 
 
-def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: Array) -> Array:
-    """(2, 3, m) grad u - q, from the nodes, u there (3, m), and the `flows`.
+def _misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Array], area: Array) -> Array:
+    """grad u - q at the nodes of triangles, from u and the inflows there, (2, 3, m).
 
     At a node the flow in through the edge to the next node and the flow out through the edge from the node
     before determine q.
     """
-    (first, last), found, points = ends, np.empty((2, *u.shape), dtype=u.dtype), mesh.points.ravel()
-    x, y = points.take(2 * node), points.take(2 * node + 1)
-    along = [[z[k] - z[j] for _, j, k in CORNERS] for z in (x, y)]
-    for values, e, sign, f in zip(found, along, (-1, 1), along[::-1], strict=True):
+    first, last = inflows
+    field = np.empty((2, *u.shape), dtype=u.dtype)
+    points = mesh.points.ravel()
+    x = points.take(2 * node)
+    y = points.take(2 * node + 1)
+    # grad u = sum_i u_i (edge opposite to i, turned) / (2 |T|), and q at a node = flows times edges / (2 |T|)
+    edge_vectors = [[z[k] - z[j] for _, j, k in CYCLIC_CORNERS] for z in (x, y)]
+    for values, e, sign, f in zip(field, edge_vectors, (-1, 1), edge_vectors[::-1], strict=True):
         slope = sign * (u[0] * f[0] + u[1] * f[1] + u[2] * f[2])
-        for i, j, k in CORNERS:
+        for i, j, k in CYCLIC_CORNERS:
             np.add(slope, e[j] * first[k] - e[k] * last[j], out=values[i])
-    found *= 0.5 / area
-    return found
+    field *= 0.5 / area
+    return field
 
 
-def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form) -> ResidualParts:
+def residual_parts(
+    source: Source, given_flux: GivenEdgeFlux, u_h: Array, q: Array, form: Form
+) -> ResidualParts:
     """The parts of the residual of u_h (n,) in V_h."""
     mesh = source.mesh
     # s' is not stored where no triangle needs it
-    by_parts = np.broadcast_to(math.inf, len(mesh.triangles))
+    s_prime = np.broadcast_to(math.inf, len(mesh.triangles))
     if form.c * mesh.diameter**2 > form.k:
-        by_parts = by_parts.copy()
-    # one array for the stretched divergence and then `rest`, which takes its place block by block
+        s_prime = s_prime.copy()
+    # one array for the stretched divergence and then `remainder`, which takes its place block by block
     stretched = stretched_divergence(mesh, q)
-    parts = ResidualParts(
+    residual = ResidualParts(
         mesh,
         form,
         misfit=np.empty_like(mesh.areas),
         oscillation=np.empty_like(mesh.areas),
         mean=np.empty_like(mesh.areas),
-        rest=stretched,
-        by_parts=by_parts,
+        remainder=stretched,
+        s_prime=s_prime,
     )
-    for of in blocks(len(mesh.triangles)):
-        _put(parts, of, source, q, stretched[of], u_h.take(mesh.triangles[of].T))
-    put_tau(parts, tau)
-    return parts
+    for block in row_blocks(len(mesh.triangles)):
+        _fill_residual(residual, block, source, q, stretched[block], u_h.take(mesh.triangles[block].T))
+    add_given_flux_remainder(residual, given_flux)
+    return residual
 
 
-def move_parts(
-    parts: ResidualParts,
+def add_lift_to_residual(
+    residual: ResidualParts,
     source: Source,
-    tau: Given,
+    given_flux: GivenEdgeFlux,
     u_h: Array,
     q: Array,
-    layer: Layer,
+    layer: BoundaryLayer,
     hats: Array,
     bubbles: Array,
 ) -> None:
@@ -98,139 +106,167 @@ def move_parts(
 
     There s' becomes infinite.
     """
-    v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
-    stretched = stretched_divergence(parts.mesh, q)[layer.triangles]
-    _put(parts, layer.triangles, source, q, stretched, v, layer.slopes, bubbles)
-    put_tau(parts, tau)
+    v = u_h.take(residual.mesh.triangles[layer.triangles].T) + hats.T
+    stretched = stretched_divergence(residual.mesh, q)[layer.triangles]
+    _fill_residual(residual, layer.triangles, source, q, stretched, v, layer.hat_gradients, bubbles)
+    add_given_flux_remainder(residual, given_flux)
 
 
-def _put(
-    parts: ResidualParts,
-    of: slice | Index,
+def _fill_residual(
+    residual: ResidualParts,
+    triangles: slice | Index,
     source: Source,
     q: Array,
-    stretched: Array,
+    stretch_allowance: Array,
     v: Array,
-    slopes: Array | None = None,
+    hat_gradients: Array | None = None,
     bubbles: Array | None = None,
 ) -> None:
     """Put in the parts on some triangles, but for rho of `boundary_flux`.
 
-    v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats' `slopes`.
+    v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats'
+    `hat_gradients`.
     """
-    mesh, form = parts.mesh, parts.form
-    k, c = form.k, form.c
-    area, ends, f_h = mesh.areas[of], flows(mesh, q, of), source.f_h[of].T
-    field = _misfit(mesh, mesh.triangles[of].T, k * v, ends, area)
-    divergence = -0.5 * (_sum(ends[0]) + _sum(ends[1])) / area
+    mesh = residual.mesh
+    form = residual.form
+    k = form.k
+    c = form.c
+    area = mesh.areas[triangles]
+    inflows = triangle_inflows(mesh, q, triangles)
+    f_h = source.f_h[triangles].T
+    field = _misfit_at_nodes(mesh, mesh.triangles[triangles].T, k * v, inflows, area)
+    divergence = -0.5 * (_sum_rows(inflows[0]) + _sum_rows(inflows[1])) / area
 
     # the mean of f_h - c v, and the norm of p - c v less that
     g = f_h - c * v
-    if bubbles is None or slopes is None:
-        size = _largest(np.abs(v))
-        mean = _sum(g) / 3
-        linear = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
+    if bubbles is None or hat_gradients is None:
+        size = _max_rows(np.abs(v))
+        mean = _sum_rows(g) / 3
+        linear_squares = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
         # p - f_h is orthogonal to a linear f_h - c v
-        mean_free = np.sqrt(linear + source.oscillation[of] ** 2)
+        mean_free = np.sqrt(linear_squares + source.oscillation[triangles] ** 2)
     else:
-        size = _largest(np.abs(v)) + np.abs(bubbles).sum(axis=1)
-        field += k * slopes_at_nodes(slopes, 0 * bubbles, bubbles).transpose(2, 1, 0)
-        mean = (_sum(g) - c * bubbles.sum(axis=1)) / 3
-        mean_free = np.sqrt(squares(area, (g - mean).T, -c * bubbles)) + source.oscillation[of]
-    more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched)
+        size = _max_rows(np.abs(v)) + np.abs(bubbles).sum(axis=1)
+        field += k * gradients_at_nodes(hat_gradients, 0 * bubbles, bubbles).transpose(2, 1, 0)
+        mean = (_sum_rows(g) - c * bubbles.sum(axis=1)) / 3
+        mean_free = (
+            np.sqrt(quadratic_square_norms(area, (g - mean).T, -c * bubbles)) + source.oscillation[triangles]
+        )
+    misfit_allowance, rho_allowance = rounding_allowances(
+        mesh, triangles, size, f_h, inflows, form, stretch_allowance
+    )
     length = np.sqrt(area)
-    parts.misfit[of] = np.sqrt(linear_squares(area, field.transpose(2, 1, 0))) + length * more_field
-    parts.oscillation[of] = mean_free + source.jumps[of]
-    parts.mean[of] = length * np.abs(mean + divergence)
-    parts.rest[of] = source.rest[of] + length * more_rho
+    residual.misfit[triangles] = (
+        np.sqrt(linear_square_norms(area, field.transpose(2, 1, 0))) + length * misfit_allowance
+    )
+    residual.oscillation[triangles] = mean_free + source.jumps[triangles]
+    residual.mean[triangles] = length * np.abs(mean + divergence)
+    residual.remainder[triangles] = source.remainder[triangles] + length * rho_allowance
 
     # s', which is for linear v
-    thick = np.flatnonzero(c * mesh.longest_edges[of] ** 2 > k)
+    thick = np.flatnonzero(c * mesh.longest_edges[triangles] ** 2 > k)
     if thick.size and bubbles is not None:
-        parts.by_parts[of] = math.inf
+        residual.s_prime[triangles] = math.inf
     elif thick.size:
-        rows = np.arange(len(parts.misfit))[of][thick]
-        inside = np.sqrt(mean_free**2 + area * mean**2) + source.jumps[of] + parts.rest[of]
-        parts.by_parts[rows] = by_parts(mesh, rows, field[..., thick], inside[thick], more_field[thick], form)
+        rows = np.arange(len(residual.misfit))[triangles][thick]
+        source_norm = (
+            np.sqrt(mean_free**2 + area * mean**2) + source.jumps[triangles] + residual.remainder[triangles]
+        )
+        residual.s_prime[rows] = bound_by_parts(
+            mesh, rows, field[..., thick], source_norm[thick], misfit_allowance[thick], form
+        )
 
 
-def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, form: Form) -> Array:
-    """(m,) s' on the triangles `of` (m,), for c > 0.
+def bound_by_parts(
+    mesh: Mesh, triangles: Index, misfit: Array, source_norm: Array, misfit_allowance: Array, form: Form
+) -> Array:
+    """The bound s' (m,) on each of some triangles, which integrates by parts; for c > 0.
 
-    The `field` k grad v - q has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
-    bounds on ||f - c v||_T.
+    The `misfit` k grad v - q has these values (2, 3, m) at the nodes, up to `misfit_allowance` (m,);
+    `source_norm` (m,) are bounds on ||f - c v||_T.
     """
     # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
-    added = 2 * more + mesh.distortion[of] * _largest(np.hypot(field[0], field[1]))
-    corners = mesh.points[mesh.triangles[of]].transpose(2, 1, 0)
-    area, through = mesh.areas[of], np.empty((3, len(of)))
-    for i, j, k in CORNERS:
+    allowance = 2 * misfit_allowance + mesh.distortion[triangles] * _max_rows(np.hypot(misfit[0], misfit[1]))
+    corners = mesh.points[mesh.triangles[triangles]].transpose(2, 1, 0)
+    area = mesh.areas[triangles]
+    a = np.empty((3, len(triangles)))
+    for i, j, k in CYCLIC_CORNERS:
         x, y = corners[:, k] - corners[:, j]
         length = np.hypot(x, y)
-        start, end = ((field[0, node] * y - field[1, node] * x) / length for node in (j, k))
-        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * added
-        through[i] = np.sqrt(length / area) * norm
-    total = _sum(through)
-    centre = (through * corners).sum(axis=1) / total
-    R = _largest(np.hypot(*(corners - centre[:, None])))
+        # a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e, whose integrand is the square of a linear function
+        start = (misfit[0, j] * y - misfit[1, j] * x) / length
+        end = (misfit[0, k] * y - misfit[1, k] * x) / length
+        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * allowance
+        a[i] = np.sqrt(length / area) * norm
+    # x_0, R and s' of the docstring above
+    total = _sum_rows(a)
+    x_0 = (a * corners).sum(axis=1) / total
+    R = _max_rows(np.hypot(*(corners - x_0[:, None])))
     constant = np.sqrt((1 + np.sqrt(1 + R**2 * (form.c / form.k))) / (2 * form.c))
-    return np.asarray(inside / math.sqrt(form.c) + constant * total)
+    return np.asarray(source_norm / math.sqrt(form.c) + constant * total)
 
 
-def allowances(
+def rounding_allowances(
     mesh: Mesh,
-    of: slice | Index,
-    size: Array,
+    triangles: slice | Index,
+    v_size: Array,
     f_h: Array,
-    ends: tuple[Array, Array],
+    inflows: tuple[Array, Array],
     form: Form,
-    stretched: Array,
+    stretch_allowance: Array,
 ) -> tuple[Array, Array]:
-    """(m,), (m,) what rounding and the exact mesh may add to |k grad v - q| and |f_h + div q - c v|.
+    """Bounds (m,) on what rounding and the exact mesh add to |k grad v - q| and to |f_h + div q - c v|.
 
-    It is at least UNDERFLOW, below which squares may be 0.
-
-    That is on some triangles, where v is at most `size` (m,) in its coefficients, f_h has the values (3, m)
-    at nodes, and q the `flows` there.
+    They are at least UNDERFLOW, below which squares may be 0. On these triangles v is at most `v_size` (m,)
+    in its coefficients, f_h has the values (3, m) at nodes, and q the `triangle_inflows` there.
     """
-    area = mesh.areas[of]
-    longest, distortion, over = mesh.longest_edges[of], mesh.distortion[of], 1 / area
-    flow = np.abs(_sum(ends[0]) + _sum(ends[1]))
-    first, last = np.abs(ends[0]), np.abs(ends[1])
-    most = _largest([first[k] + last[j] for _, j, k in CORNERS])
-    flows_in = _sum(first) + _sum(last)
-    field = longest * over * (ROUNDING * (form.k * size + flows_in) + 0.5 * distortion * most)
-    rho = ROUNDING * (form.c * size + _largest(np.abs(f_h)) + flows_in * over)
-    rho += 0.5 * distortion * flow * over + stretched
-    return field + longest * stretched + UNDERFLOW, rho + UNDERFLOW
+    area = mesh.areas[triangles]
+    longest = mesh.longest_edges[triangles]
+    distortion = mesh.distortion[triangles]
+    inverse_area = 1 / area
+    flow = np.abs(_sum_rows(inflows[0]) + _sum_rows(inflows[1]))
+    first = np.abs(inflows[0])
+    last = np.abs(inflows[1])
+    largest_flow = _max_rows([first[k] + last[j] for _, j, k in CYCLIC_CORNERS])
+    flows_in = _sum_rows(first) + _sum_rows(last)
+    # |grad v| is at most longest / |T| times the largest |v|, and |q| half of that times flows at a node
+    gradient_factor = longest * inverse_area
+    field = gradient_factor * (SUM_ROUNDING * (form.k * v_size + flows_in) + 0.5 * distortion * largest_flow)
+    rho = SUM_ROUNDING * (form.c * v_size + _max_rows(np.abs(f_h)) + flows_in * inverse_area)
+    rho += 0.5 * distortion * flow * inverse_area + stretch_allowance
+    return field + longest * stretch_allowance + UNDERFLOW, rho + UNDERFLOW
 
 
 def stretched_divergence(mesh: Mesh, q: Array) -> Array:
-    """(m,) bounds on |div q_T|, where q_T has the `stretch` of a side times the flow of q there.
+    """A bound on the divergence of the flux that the stretch of the sides adds to q, on each triangle, (m,).
 
     |q_T| is at most that times the longest edge.
     """
-    at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
-    flow, tilt = q[:, mesh.triangulation.boundary]
+    triangles = mesh.boundary_triangles
+    divergence = np.zeros(len(mesh.triangles))
+    flow, tilt = q[:, mesh.triangulation.boundary_edges]
     flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
-    np.add.at(found, at, 0.5 * flow / mesh.areas[at])
-    return found
+    np.add.at(divergence, triangles, 0.5 * flow / mesh.areas[triangles])
+    return divergence
 
 
-def put_tau(parts: ResidualParts, tau: Given) -> None:
+def add_given_flux_remainder(residual: ResidualParts, given_flux: GivenEdgeFlux) -> None:
     """Put in rho, which is not known of the flux that is given on free sides, on the triangles there."""
-    mesh, form = parts.mesh, parts.form
-    at = mesh.boundary_triangles
-    np.add.at(parts.misfit, at, tau.misfit(mesh))
-    np.add.at(parts.rest, at, tau.rest(mesh))
-    if form.c and parts.by_parts.flags.writeable:
-        np.add.at(parts.by_parts, at, np.sqrt(value_constants(mesh, form)) * tau.size)
+    mesh = residual.mesh
+    form = residual.form
+    triangles = mesh.boundary_triangles
+    np.add.at(residual.misfit, triangles, given_flux.gradient_coefficients(mesh))
+    np.add.at(residual.remainder, triangles, given_flux.value_coefficients(mesh))
+    if form.c and residual.s_prime.flags.writeable:
+        # s' bounds the whole of R on T, so ||z||_e is bounded by the energy norm there
+        value_factors = np.sqrt(value_constants(mesh, form))
+        np.add.at(residual.s_prime, triangles, value_factors * given_flux.remainder_norms)
 
 
-def _sum(of: Array) -> Array:
-    """(m,) the sum of the three rows; this is faster than a reduction."""
-    return np.asarray(of[0] + of[1] + of[2])
+def _sum_rows(rows: Array) -> Array:
+    """The sum (m,) of three rows; this is faster than a reduction."""
+    return np.asarray(rows[0] + rows[1] + rows[2])
 
 
-def _largest(of: Array | list[Array]) -> Array:
-    return np.asarray(np.maximum(np.maximum(of[0], of[1]), of[2]))
+def _max_rows(rows: Array | list[Array]) -> Array:
+    return np.asarray(np.maximum(np.maximum(rows[0], rows[1]), rows[2]))

@@ -2,7 +2,7 @@
 
 Let E bound |||lambda - lambda_H|||_*, and N be a norm on H^1 that is at least the energy norm,
 
-    N(w)^2 = k (|w|_1^2 + d^-2 ||w||_0^2),     d the `depth` of `Clamps`.
+    N(w)^2 = k (|w|_1^2 + d^-2 ||w||_0^2),     d the `depth` of `ReactionData`.
 
 lambda is not negative, so for every w in H^1 that vanishes on clamped sides
 
@@ -14,7 +14,7 @@ small, and w not below a bound c. On sides that are free lambda is 0, and w is f
 given there is no part of lambda, in E neither.
 
 The same holds for reactions, the integrals of k du/dn over clamped sides, whose sign is not known: there
-w is 1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds.
+w is 1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is the `reaction_bound`.
 Clamped sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and
 one with contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece
 of the side with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
@@ -22,16 +22,16 @@ Where nothing is known of v - g that bound is infinite; so it has to be where u 
 a large force near the vertex and the opposite reaction have hardly any norm together.
 
 If c = 0, the sum of all forces and reactions is known: (1.1) with v = 1 says that it is - int f - int q
-(`balance`).
+(`enclose_total_force`).
 
 w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
 and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
 beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
 is known: k^(-1/2) N(w) is not below |v|_S, for v its values at the boundary nodes and S the Schur complement
-on these, and it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest
-on that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the
+on these, and it is |v|_S if w is extended as S has it (`force_mesh`). What is guaranteed does not rest on
+that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the
 rest only at vertices, which are nodes. And N(w) is computed from all values of w. On the exact mesh, see
-`geometry.exact_mesh`, it is at most `growth` times as large.
+`geometry.exact_mesh`, it is at most `exact_mesh_factor` times as large.
 """
 
 from __future__ import annotations
@@ -44,22 +44,29 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.clamped_ends import Clamps, conflicts, inside_reach, missing, unclamped
-from unilateral.bounds.force_mesh import condensed, extended
-from unilateral.bounds.residual_norm import SUMS
+from unilateral.bounds.clamped_ends import (
+    ReactionData,
+    conflict_allowances,
+    find_conflicts,
+    gap_nodes,
+    no_reactions,
+)
+from unilateral.bounds.force_mesh import condense_force_mesh, extend_with_least_norm
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.bounds.source import Source
-from unilateral.fem.condense import Condensed
+from unilateral.fem.condense import CondensedMatrix
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, energy_norm
-from unilateral.formulas.decimals import guaranteed, interval
+from unilateral.formulas.decimals import add_guarantee, format_interval
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.obstacle_and_flux import Flux
-from unilateral.solvers.least_norm import least
+from unilateral.problems.obstacle_and_flux import GivenFlux
+from unilateral.solvers.least_norm import minimise_linear_plus_norm
 
-LEAST, TINY = 1e-100, 1e-300
-"""When w is chosen, k^(1/2) E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
+MIN_BOUND_PER_FORCE = 1e-100
+MIN_FORCE_BOUND = 1e-300
+"""When w is chosen, k^(1/2) E counts as at least the first times the force of lambda_H, and as the second."""
 
 
 class Force(NamedTuple):
@@ -75,151 +82,187 @@ class Force(NamedTuple):
         >>> Force(6.1144, 6.0135, 6.2266)
         Force: 6.11 ± 0.12, guaranteed
         """
-        ends = self.lower, self.upper
-        return f"Force: {guaranteed(interval(*ends, self.value), *ends)}"
+        interval = format_interval(self.lower, self.upper, self.value)
+        return f"Force: {add_guarantee(interval, self.lower, self.upper)}"
 
 
-def forces(
+def bound_forces(
     mesh: Mesh,
-    cells: Partition,
+    partition: Partition,
     lambda_H: Array,
-    bound: float,
-    parts: Sequence[Collection[int]],
-    clamps: Clamps | None = None,
+    multiplier_bound: float,
+    side_sets: Sequence[Collection[int]],
+    reactions: ReactionData | None = None,
 ) -> list[Force]:
-    """The force over each of the `parts`, which are numbers of sides, with the reactions on clamped ones.
+    """The force over each of the `side_sets`, which are numbers of sides, with the reactions on clamped ones.
 
-    lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on |||lambda - lambda_H|||_*. By
-    default all sides have contact, and k = c = 1. If the bound is infinite, no force has an upper bound, but
-    the sum of all forces and reactions may have its `balance`. Of the `mesh` that lambda_H was computed on
-    only the coarsest level is used, where that suffices.
+    lambda_H (m,) >= 0 are the values on the cells, and `multiplier_bound` is a bound on |||lambda -
+    lambda_H|||_*. By default all sides have contact, and k = c = 1. If the bound is infinite, no force has an
+    upper bound, but the sum of all forces and reactions may have its `enclose_total_force`. Of the `mesh`
+    that lambda_H was computed on only the coarsest level is used, where that suffices.
     """
-    of = clamps or unclamped(mesh.polygon.n_sides)
-    sides = [np.setdiff1d([*part], of.form.free).astype(int) for part in parts]
+    reactions = reactions or no_reactions(mesh.polygon.n_sides)
+    sides = [np.setdiff1d([*side_set], reactions.form.free).astype(int) for side_set in side_sets]
     values = [
-        float(cells.lengths @ (lambda_H * np.isin(cells.side, part)) + of.outflows[0, part].sum())
-        for part in sides
+        float(
+            partition.lengths @ (lambda_H * np.isin(partition.side, side_set))
+            + reactions.outflows[0, side_set].sum()
+        )
+        for side_set in sides
     ]
-    lower, upper = np.zeros((2, len(parts)))
-    signed = np.array([bool({*part} & {*of.form.clamped}) for part in sides], dtype=bool)
-    for some, error in ((np.flatnonzero(signed), of.bound), (np.flatnonzero(~signed), bound)):
-        some = some[[sides[k].size > 0 for k in some]]
-        if some.size and error < np.inf:
-            lower[some], upper[some] = _ends(mesh, cells, lambda_H, error, [sides[k] for k in some], of)
-        elif some.size:
-            lower[some], upper[some] = -np.inf, np.inf
+    lower, upper = np.zeros((2, len(side_sets)))
+    signed = np.array([bool({*side_set} & {*reactions.form.clamped}) for side_set in sides], dtype=bool)
+    # what has reactions has the error of fluxes, a force alone that of lambda, and it is not negative
+    for chosen, error in (
+        (np.flatnonzero(signed), reactions.reaction_bound),
+        (np.flatnonzero(~signed), multiplier_bound),
+    ):
+        chosen = chosen[[sides[k].size > 0 for k in chosen]]
+        if chosen.size and error < np.inf:
+            lower[chosen], upper[chosen] = _force_bounds(
+                mesh, partition, lambda_H, error, [sides[k] for k in chosen], reactions
+            )
+        elif chosen.size:
+            lower[chosen] = -np.inf
+            upper[chosen] = np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
     # The sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
-    if of.balance and of.balance[1] < math.inf:
-        n_held = mesh.polygon.n_sides - len(of.form.free)
-        for k in (k for k, part in enumerate(sides) if len(part) == n_held):
-            lower[k], upper[k] = max(lower[k], of.balance[0]), min(upper[k], of.balance[1])
+    if reactions.total_force and reactions.total_force[1] < math.inf:
+        n_not_free = mesh.polygon.n_sides - len(reactions.form.free)
+        for k in np.flatnonzero([len(side_set) == n_not_free for side_set in sides]).tolist():
+            lower[k] = max(lower[k], reactions.total_force[0])
+            upper[k] = min(upper[k], reactions.total_force[1])
             values[k] = float(0.5 * (lower[k] + upper[k]))
-    return [Force(*each) for each in zip(values, lower.tolist(), upper.tolist(), strict=True)]
+    bounds = zip(values, lower.tolist(), upper.tolist(), strict=True)
+    return [Force(value, below, above) for value, below, above in bounds]
 
 
-def balance(source: Source, flux: Flux) -> tuple[float, float]:
+def enclose_total_force(source: Source, flux: GivenFlux) -> tuple[float, float]:
     """Two numbers between which - int f - int q lies, for f on a mesh and q on the sides of its polygon.
 
-    Of f the means on triangles are known up to `rest`. Areas change by the square of 1 + the distortion, and
-    lengths by the stretch.
+    Of f the means on triangles are known up to their `remainder`. Areas change by the square of 1 + the
+    distortion, and lengths by the stretch.
     """
-    mesh, polygon = source.mesh, source.mesh.polygon
+    mesh = source.mesh
+    polygon = source.mesh.polygon
     integral = float(mesh.areas @ source.f_h.mean(axis=1))
-    changed = SUMS + 3 * mesh.distortion
-    doubt = float(
-        ((1 + changed) * np.sqrt(mesh.areas)) @ source.rest
+    changed = SQUARES_ROUNDING + 3 * mesh.distortion
+    # int f: the means of f_h, off by |T|^{1/2} E_T and by what the exact mesh changes of areas
+    remainder = float(
+        ((1 + changed) * np.sqrt(mesh.areas)) @ source.remainder
         + (changed * mesh.areas) @ np.abs(source.f_h).mean(axis=1)
     )
     # int sigma^k over [-1, 1] is 2 / (k + 1) for even k, and 0 for odd ones
-    k, lengths, sizes = np.arange(len(flux.c)), np.diff(flux.points), np.abs(flux.c).sum(axis=0)
+    k = np.arange(len(flux.c))
+    lengths = np.diff(flux.points)
+    sizes = np.abs(flux.c).sum(axis=0)
     integral += float(lengths @ (np.where(k % 2, 0.0, 1 / (k + 1)) @ flux.c))
-    # beside a jump, and where places are rounded, as much of q as reaches there is in doubt
-    doubt += float(lengths @ flux.doubt + 2 * flux.reach * (flux.jumps.sum() + sizes.sum()))
-    doubt += (SUMS + float(polygon.stretch.max())) * float(lengths @ sizes)
-    return -integral - doubt, -integral + doubt
+    # beside a jump, and where places are rounded, as much of q as reaches there is not known
+    remainder += float(lengths @ flux.remainder + 2 * flux.reach * (flux.jumps.sum() + sizes.sum()))
+    remainder += (SQUARES_ROUNDING + float(polygon.stretch.max())) * float(lengths @ sizes)
+    return -integral - remainder, -integral + remainder
 
 
-def _ends(
-    mesh: Mesh, cells: Partition, lambda_H: Array, bound: float, parts: list[Index], clamps: Clamps
+def _force_bounds(
+    mesh: Mesh,
+    partition: Partition,
+    lambda_H: Array,
+    error_bound: float,
+    side_sets: list[Index],
+    reactions: ReactionData,
 ) -> tuple[Array, Array]:
-    """(k,), (k,) numbers below and above the forces over k parts, each some sides that are not free."""
-    E = math.sqrt(clamps.form.k) * bound
-    load = lambda_H / max(E, LEAST * float(cells.lengths @ lambda_H), TINY)
-    of, space = condensed(mesh, cells, load, clamps)
-    pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
-    exact = clamps.form.fixed(of)[of.boundary]
-    best = Best(of, space, pairing, E, load, exact, Form(c=clamps.depth**-2))
-    above, below = (
-        np.column_stack(c) for c in zip(*(_limits(of, each, clamps) for each in parts), strict=True)
-    )
-    flows, magnitudes = np.array([clamps.outflows[:, part].sum(axis=1) for part in parts]).T
-    doubt = (SUMS + mesh.polygon.stretch.max()) * magnitudes
-    lacking = np.array([missing(of, part, clamps) for part in parts]).T + doubt
-    begin = (above > 0) | (above == 0) & (load > 0)[:, None]
-    lower = flows - best.of(below, np.isfinite(below)) - lacking[0]
-    return lower, flows + best.of(above, begin) + lacking[1]
+    """Numbers below and above the forces over sets of sides that are not free, (k,) each."""
+    # with k^{-1/2} N in place of N, E gets the factor k^{1/2}
+    E = math.sqrt(reactions.form.k) * error_bound
+    load = lambda_H / max(E, MIN_BOUND_PER_FORCE * float(partition.lengths @ lambda_H), MIN_FORCE_BOUND)
+    force_mesh, space = condense_force_mesh(mesh, partition, load, reactions)
+    pairing, load = (coupling(force_mesh, partition).T @ np.column_stack([lambda_H, load])).T
+    exact = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
+    best = LeastBound(force_mesh, space, pairing, E, load, exact, Form(c=reactions.depth**-2))
+    limits = [_nodal_lower_bounds(force_mesh, sides, reactions) for sides in side_sets]
+    above = np.column_stack([c for c, _ in limits])
+    below = np.column_stack([c for _, c in limits])
+    flows, magnitudes = np.array([reactions.outflows[:, sides].sum(axis=1) for sides in side_sets]).T
+    flow_rounding = (SQUARES_ROUNDING + mesh.polygon.stretch.max()) * magnitudes
+    conflicts = np.array([conflict_allowances(force_mesh, sides, reactions) for sides in side_sets]).T
+    lacking = conflicts + flow_rounding
+    # the search for w begins where w >= c is an equation: on P, and where lambda_H pushes
+    active = (above > 0) | (above == 0) & (load > 0)[:, None]
+    lower = flows - best.minimise(below, np.isfinite(below)) - lacking[0]
+    return lower, flows + best.minimise(above, active) + lacking[1]
 
 
-def _limits(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[Array, Array]:
-    """(nb,), (nb,) c at the boundary nodes, for w in the upper bound and for -w in the lower one.
+def _nodal_lower_bounds(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[Array, Array]:
+    """The c (nb,) at nodes in w >= c of the upper bound, and in -w >= c of the lower one.
 
     It is -inf where w is free. At nodes on clamped sides it is what w, or -w, is.
     """
-    on, off = np.isin(mesh.side, part), ~np.isin(mesh.side, [*clamps.form.free, *part])
-    at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
-    c = np.where(at_on | at_off, 0.0, -np.inf)
-    above, below = c + at_on, c - ~at_off
-    for vertex, which in conflicts(part, clamps):
-        (below, above)[which][inside_reach(mesh, vertex, clamps)] -= 1.0
-    clamped = np.isin(mesh.side, clamps.form.clamped)
-    own = clamped & on
-    value = (own | np.roll(own, 1)).astype(float)
+    on_P = np.isin(mesh.side, sides)
+    on_rest = ~np.isin(mesh.side, [*reactions.form.free, *sides])
+    at_P = on_P | np.roll(on_P, 1)
+    at_rest = on_rest | np.roll(on_rest, 1)
+    # upper: w >= 1 on P, w >= 0 on the rest; lower: -w >= -1 on P, -w >= 0 on the rest
+    c = np.where(at_P | at_rest, 0.0, -np.inf)
+    above = c + at_P
+    below = c - ~at_rest
+    for vertex, which in find_conflicts(sides, reactions):
+        # near a conflict w may pass from one value to the other
+        (below, above)[which][gap_nodes(mesh, vertex, reactions)] -= 1.0
+    clamped = np.isin(mesh.side, reactions.form.clamped)
+    clamped_P = clamped & on_P
+    value = (clamped_P | np.roll(clamped_P, 1)).astype(float)
     exact = clamped | np.roll(clamped, 1)
     return np.where(exact, value, above), np.where(exact, -value, below)
 
 
 @dataclass(frozen=True, eq=False)
-class Best:
-    """The least of <lambda_H, w> + E |||w||| on a mesh with its `space`, or among constants without one.
+class LeastBound:
+    """The least of <lambda_H, w> + E |||w||| on a mesh with its `condensed`, or among constants without one.
 
     `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, `load` (nb,) is about
-    `pairing` over E, and `bound` is E. At the nodes `exact` (nb,) w is given. |||w||| is that of the `norm`.
+    `pairing` over E, and `E` is E. At the nodes `is_fixed` (nb,) w is given. |||w||| is that of the
+    `norm_form`.
     """
 
     mesh: Mesh
-    space: Condensed | None
+    condensed: CondensedMatrix | None
     pairing: Array
-    bound: float
+    E: float
     load: Array
-    exact: Mask
-    norm: Form
+    is_fixed: Mask
+    norm_form: Form
 
-    def of(self, c: Array, begin: Mask) -> Array:
-        """(k,) the least values for w >= c, for each column of c (nb, k), whose largest number is -1, 0 or 1.
+    def minimise(self, c: Array, active: Mask) -> Array:
+        """The least values of <lambda_H, w> + E |||w||| for w >= c, for each column of c, (k,).
 
-        `least` begins with the active sets `begin` (nb, k).
+        `minimise_linear_plus_norm` begins with the active sets `active` (nb, k).
         """
+        # among constants w is the least that is allowed, -1, 0 or 1
         best = np.full(c.shape[1], np.inf)
-        if not self.exact.any():
-            constants = self._most(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
+        if not self.is_fixed.any():
+            constants = self._bound_on_exact_mesh(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
             best = constants[1 + c.max(axis=0).astype(int)]
-        if self.space:
-            v = least(self.space.A_3, self.load, c, begin, self.exact)
-            other = np.flatnonzero(v.any(axis=0) | self.exact.any())
-            if other.size:
-                best[other] = np.minimum(best[other], self._most(extended(self.space, v[:, other])))
+        if self.condensed:
+            v = minimise_linear_plus_norm(self.condensed.A_3, self.load, c, active, self.is_fixed)
+            columns = np.flatnonzero(v.any(axis=0) | self.is_fixed.any())
+            if columns.size:
+                w = extend_with_least_norm(self.condensed, v[:, columns])
+                best[columns] = np.minimum(best[columns], self._bound_on_exact_mesh(w))
         return best
 
-    def _most(self, w: Array) -> Array:
-        """(k,) what <lambda_H, w> + E |||w||| is at most on the exact mesh, for w (n, k) at the nodes.
+    def _bound_on_exact_mesh(self, w: Array) -> Array:
+        """Upper bounds on <lambda_H, w> + E |||w||| on the exact mesh, (k,).
 
         The pairing is off by the `stretch` of sides and by rounding, each term by its own part, and by the
         rounding of places on edges, which is that of the perimeter.
         """
-        trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
-        on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
-        of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
-        off = (SUMS + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + of_places
-        norms = (1 + SUMS) * np.array([energy_norm(self.mesh, each, self.norm) for each in w.T])
-        return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)
+        trace = w[self.mesh.boundary]
+        polygon = self.mesh.polygon
+        l = self.pairing[:, None]  # noqa: E741
+        edge_changes = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
+        place_rounding = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ edge_changes
+        error = (SQUARES_ROUNDING + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + place_rounding
+        norms = (1 + SQUARES_ROUNDING) * np.array(
+            [energy_norm(self.mesh, column, self.norm_form) for column in w.T]
+        )
+        return np.asarray(self.pairing @ trace + error + self.mesh.exact_mesh_factor * self.E * norms)

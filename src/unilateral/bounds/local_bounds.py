@@ -1,22 +1,23 @@
 """The guaranteed total error of a discrete solution by problems on vertex patches.
 
-Theorem 8 of the paper (`total_errors`): let sigma >= 0 on sides with contact, and let u_h + y be >= g there
-and u_D on clamped sides. Let S be a bound on the residual of u_h with sigma in the dual of the energy norm,
-B = <sigma, u_h + y - g>, and D the energy norm of y. Then
+Theorem 8 of the paper (`bound_total_errors`): let sigma >= 0 on sides with contact, and let u_h + y be >= g
+there and u_D on clamped sides. Let S be a bound on the residual of u_h with sigma in the dual of the energy
+norm, B = <sigma, u_h + y - g>, and D the energy norm of y. Then
 
     ||u - u_h||^2 <= S^2 + 2 B + D^2,    ||lambda - sigma|| <= D + (S^2 + 2 B + D^2)^{1/2}.
 
 With v = u_h + y in place of u_h, and 0 in place of y, the second says ||lambda - sigma||^2 <= S^2 + 2 B;
 the smaller one is taken.
 
-S is that of `residual_norm` for a flux q with q.n = sigma on these sides, made by `equilibrated` with the
+S is that of `residual_norm` for a flux q with q.n = sigma on these sides, made by `equilibrate_flux` with the
 flux tau~ near the one that is given on free sides (`boundary_flux`). What tau~ leaves of that, what the
-enclosure of f misses (`source`), and what rounding may have done on a triangle are parts of the residual.
-y is what makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is assumed
-of u_h and lambda_H.
+enclosure of f misses (`source`), and what rounding may have done on a triangle are parts of the residual. y
+is what makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is
+assumed of u_h and lambda_H.
 
 u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`), a triangulation
-of the polygon itself. What that changes of differences is added like rounding, and `growth` has the rest.
+of the polygon itself. What that changes of differences is added like rounding, and the rest is in
+`exact_mesh_factor`.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import edge_flux
-from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
-from unilateral.bounds.equilibrated_flux import equilibrated
-from unilateral.bounds.feasible import lifting
-from unilateral.bounds.flux_residuals import move_parts, residual_parts
-from unilateral.bounds.mesh_data import MeshData
-from unilateral.bounds.residual_norm import SUMS, underflow
+from unilateral.bounds.boundary_flux import build_normal_flux
+from unilateral.bounds.clamped_ends import ClampedEnds, find_clamped_ends, no_clamped_ends, outflows
+from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.bounds.equilibrated_flux import equilibrate_flux
+from unilateral.bounds.feasible import build_lifting
+from unilateral.bounds.flux_residuals import add_lift_to_residual, residual_parts
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import defect, total_errors
+from unilateral.bounds.total_errors import bound_residual, bound_total_errors
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.geometry import exact_mesh
@@ -50,47 +51,47 @@ class Bound:
     Parameters
     ----------
     u, lambda_
-        Bounds on the energy norm of u - u_h, and on its dual norm of lambda - lambda_H.
-    lifting
-        A bound on the energy norm of y.
-    unknown, irreducible
+        Bounds on the energy norm of u - u_h, and on the dual norm of lambda - lambda_H.
+    lift_norm
+        A bound on the energy norm of y, D.
+    data_remainder, irreducible_remainder
         A bound on the part of both that would be 0 if f, g and tau were the polynomials by which they are
         enclosed, and the part of that which hardly falls on finer meshes.
     outflows : (2, sides)
-        Those of `clamped_ends`.
-    of_fluxes
+        The integrals of q.n over clamped sides, and those of its size, by `clamped_ends.outflows`.
+    reaction_bound
         A bound on lambda - lambda_H and, on clamped sides, k du/dn - q.n, as one functional on H^1, in the
-        norm of `Clamps`.
+        norm of `ReactionData`.
     eta
-        That of `total_errors`, for the v of this bound.
+        A bound on (S^2 + 2 B)^{1/2} for the v of this bound.
     shares : (triangles,)
         Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2. Their sum is at most that and, but for
         rounding, at least u^2 / 6.
     lift : (2, boundary edges)
         Of the cheap bound: the coefficients of y at boundary nodes, and of the bubbles of boundary edges.
-    ends
+    clamped_ends
         Of the cheap bound: what is known of lambda at the ends of clamped sides.
     steps
-        Of the sharp bound: those of v and q, see `sharp_bounds`.
+        Of the sharp bound: how many steps towards the best v and q were made.
     """
 
     u: float
     lambda_: float
-    lifting: float
-    unknown: float
-    irreducible: float
+    lift_norm: float
+    data_remainder: float
+    irreducible_remainder: float
     outflows: Array
-    of_fluxes: float
+    reaction_bound: float
     eta: float
     shares: Array = field(default_factory=lambda: np.zeros(0))
     lift: Array = field(default_factory=lambda: np.zeros((2, 0)))
-    ends: ClampedEnds = field(default_factory=lambda: none(0))
+    clamped_ends: ClampedEnds = field(default_factory=lambda: no_clamped_ends(0))
     steps: int = 0
 
 
 def local_bound(
-    data: MeshData,
-    cells: Partition,
+    data: EnclosedData,
+    partition: Partition,
     u_h: Array,
     lambda_H: Array,
     form: Form,
@@ -107,73 +108,91 @@ def local_bound(
     InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on
     such a side.
     """
-    mesh, source, tau = data.mesh, data.source, data.tau
-    check(mesh, cells, u_h, lambda_H, form)
+    mesh = data.mesh
+    source = data.source
+    tau = data.given_flux
+    check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
-    flux = edge_flux(mesh, cells, lambda_H, w, form)
-    q = flux_of(source, w, flux.ends + tau.ends, form)
+    flux = build_normal_flux(mesh, partition, lambda_H, w, form)
+    q = equilibrate_source(source, w, flux.end_values + tau.end_values, form)
 
-    # y, and what is missing of u_h + y >= g; D = ||y||, B = <sigma, u_h + y - g>
-    lift = lifting(data.constraint, form, u_h, flux)
-    layer = lift.of
-    nodal, edges, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    hats, bubbles = layer.function(nodal, edges)
-    of_y, of_added = layer.squares(form, hats, bubbles), lift.added(short)
-    added = math.sqrt(float(of_added.sum()))
-    missing = (1 + SUMS) * (short.norm + added) + underflow(mesh, form)
-    D = (1 + SUMS) * math.sqrt(float(of_y.sum())) + missing
+    # y, and what is missing of u_h + y >= g; D = ||y||, B = <sigma, u_h + y - g> (S8.1)
+    lift = build_lifting(data.constraint, form, u_h, flux)
+    layer = lift.layer
+    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    hats, bubbles = layer.function(nodal, edge_bubbles)
+    y_squares = layer.square_norms(form, hats, bubbles)
+    raise_squares = lift.remainder_squares(shortfall)
+    raise_norm = math.sqrt(float(raise_squares.sum()))
+    underflow = underflow_allowance(mesh, form)
+    missing_norm = (1 + SQUARES_ROUNDING) * (shortfall.extension_norm + raise_norm) + underflow
+    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + missing_norm
 
-    # the residuals of u_h and of the feasible v = u_h + y, and the norm of what tau~ leaves of tau
-    of_tau = tau.distance(mesh, form)
-    parts = residual_parts(source, tau, u_h, q, form)
-    of_u, shares = defect(parts, of_tau, short.product), parts.shares()
-    move_parts(parts, source, tau, u_h, q, layer, hats, bubbles)
-    of_v = defect(parts, missing + of_tau, short.product)
-    errors = total_errors(mesh.growth, of_u, of_v, D=D, D_clamped=D, of_sigma=flux.distance(mesh, form))
+    # S of the residuals of u_h and of the feasible v = u_h + y (Lemma S18); tau~ leaves tau_error of p
+    tau_error = tau.projection_error(mesh, form)
+    residual = residual_parts(source, tau, u_h, q, form)
+    u_residual = bound_residual(residual, tau_error, shortfall.complementarity)
+    shares = residual.shares()
+    add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
+    v_residual = bound_residual(residual, missing_norm + tau_error, shortfall.complementarity)
+    # Theorem 8 (Proposition S14)
+    errors = bound_total_errors(
+        mesh.exact_mesh_factor,
+        u_residual,
+        v_residual,
+        D=D,
+        D_clamped=D,
+        sigma_distance=flux.multiplier_distance(mesh, form),
+    )
 
     # v at the boundary nodes may be below u_h where u_h is above u_D
-    least = u_h.copy()
-    least[mesh.boundary] += np.minimum(nodal, 0.0)
-    ends = clamped_ends(mesh, form, lift, least, flux, errors.product)
+    v_lower = u_h.copy()
+    v_lower[mesh.boundary] += np.minimum(nodal, 0.0)
+    clamped_ends = find_clamped_ends(mesh, form, lift, v_lower, flux, errors.gamma_force_bound)
 
-    doubt = added + tau.unknown(mesh, form)
-    shares[layer.triangles] += of_y + of_added
-    on_edges = short.squares + 2 * short.slack + tau.shares(mesh, form)
-    np.add.at(shares, mesh.boundary_triangles, on_edges)
+    # the part of the bounds that is 0 for polynomial data, and the triangles' parts of S^2 + 2 B + D^2
+    remainder = raise_norm + tau.remainder_dual_norm(mesh, form)
+    shares[layer.triangles] += y_squares + raise_squares
+    edge_shares = shortfall.extension_squares + 2 * shortfall.edge_complementarity + tau.shares(mesh, form)
+    np.add.at(shares, mesh.boundary_triangles, edge_shares)
     return Bound(
         u=errors.u,
-        lambda_=errors.lambda_ if form.held(mesh.side).any() else 0.0,
-        lifting=D,
-        unknown=form.value_constant * source.unknown + doubt,
-        irreducible=doubt + form.value_constant * source.irreducible,
+        lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
+        lift_norm=D,
+        data_remainder=form.value_constant * source.remainder_norm + remainder,
+        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
         outflows=outflows(mesh, form, q),
-        of_fluxes=errors.fluxes,
+        reaction_bound=errors.reaction_bound,
         eta=errors.eta,
         shares=shares,
-        lift=np.stack([nodal, edges]),
-        ends=ends,
+        lift=np.stack([nodal, edge_bubbles]),
+        clamped_ends=clamped_ends,
     )
 
 
-def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
-    """The flux by `equilibrated` with q.n = sigma (nb, 2) on the edges that are not clamped."""
-    given = np.where(form.edges(source.mesh)[:, None], math.nan, sigma)
-    return equilibrated(source.mesh, u_h, source.moments, given, form)
+def equilibrate_source(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
+    """The flux by `equilibrate_flux` with q.n = sigma (nb, 2) on the edges that are not clamped."""
+    normal_flux = np.where(form.clamped_edges(source.mesh)[:, None], math.nan, sigma)
+    return equilibrate_flux(source.mesh, u_h, source.moments, normal_flux, form)
 
 
-def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, form: Form) -> None:
+def check_discrete_solution(
+    mesh: Mesh, partition: Partition, u_h: Array, lambda_H: Array, form: Form
+) -> None:
     """Raises InputError unless u_h is in V_h, lambda_H in Lambda_H, lambda_H >= 0, and 0 where it has to be.
 
     It is raised, too, where the mesh is too far from the exact one.
     """
-    if not np.array_equal(mesh.polygon.vertices, cells.polygon.vertices):
+    if not np.array_equal(mesh.polygon.vertices, partition.polygon.vertices):
         raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
-    exact_mesh.check(mesh.polygon, mesh.points, mesh.triangles, mesh.distortion)
-    for name, values, n in (("u_h", u_h, mesh.n_nodes), ("lambda_H", lambda_H, cells.n_cells)):
+    exact_mesh.check_distortion(mesh.polygon, mesh.points, mesh.triangles, mesh.distortion)
+    for name, values, n in (("u_h", u_h, mesh.n_nodes), ("lambda_H", lambda_H, partition.n_cells)):
         if np.shape(values) != (n,) or not np.all(np.isfinite(values)):
             raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")
     if np.min(lambda_H) < 0:
         raise InputError(f"lambda_H has the value {np.min(lambda_H):.4g}; it must not be negative")
-    at = np.flatnonzero(~form.held(cells.side) & (lambda_H > 0))
-    if at.size:
-        raise InputError(f"lambda_H is not 0 on side {cells.side[at[0]]}, which has no contact; it must be")
+    cells = np.flatnonzero(~form.has_multiplier(partition.side) & (lambda_H > 0))
+    if cells.size:
+        raise InputError(
+            f"lambda_H is not 0 on side {partition.side[cells[0]]}, which has no contact; it must be"
+        )

@@ -34,37 +34,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, blocks
+from unilateral.arrays import Array, row_blocks
 from unilateral.fem.form import Form
 from unilateral.geometry.mesh import Mesh
 
-J = 3.8317
+BESSEL_ZERO = 3.8317
 """The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
-SUMS = 1e-9
+SQUARES_ROUNDING = 1e-9
 """At most this fraction of a sum of squares is rounding."""
-UNDERFLOW, DIVIDED = 1e-150, 1e-156
+UNDERFLOW = 1e-150
+QUOTIENT_UNDERFLOW = 1e-156
 """What squares that underflow take from the root of a sum, at most.
 
 It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
-DIVIDED over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each,
-and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided
-by areas.
+QUOTIENT_UNDERFLOW over the root of the least area. There are fewer than 10^9 triangles with fewer than 20
+squares each, and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of
+lengths, or divided by areas.
 """
 
 
-def underflow(mesh: Mesh, form: Form) -> float:
-    """What underflow takes from the energy norms of functions on a mesh, and from those of residuals."""
+def underflow_allowance(mesh: Mesh, form: Form) -> float:
+    """A bound on what underflow takes from the energy norms of functions and from dual norms of residuals."""
     sizes = math.sqrt(form.k + form.c + 1 / form.k + 1 / form.coercivity)
-    divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
+    divided = QUOTIENT_UNDERFLOW / math.sqrt(float(mesh.areas.min()))
     return sizes * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
 
 
 class ResidualParts(NamedTuple):
     """Norms of the parts of a residual on the triangles of a mesh, (m,) each, which include their rounding.
 
-    `misfit` is that of q - k grad v; `mean`, `oscillation` and `rest` are those of the parts of rho that are
-    constant, have mean 0, and may have any mean. `by_parts` is s', infinite where it is not computed. `form`
-    has the norm in which R is bounded.
+    `misfit` is that of q - k grad v; `mean`, `oscillation` and `remainder` are those of the parts of rho that
+    are constant, have mean 0, and may have any mean. `s_prime` is s', infinite where it is not computed.
+    `form` has the norm in which R is bounded.
     """
 
     mesh: Mesh
@@ -72,64 +73,75 @@ class ResidualParts(NamedTuple):
     misfit: Array
     oscillation: Array
     mean: Array
-    rest: Array
-    by_parts: Array
+    remainder: Array
+    s_prime: Array
 
     def squares(self) -> Array:
-        """(m,) the squares of min(s, s')."""
+        """The square of min(s, s') on each triangle, (m,)."""
         squares = np.empty_like(self.misfit)
-        for block in blocks(len(squares)):
-            squares[block] = self._squares(block)
+        for block in row_blocks(len(squares)):
+            squares[block] = self._squares_of_block(block)
         return squares
 
-    def norms(self) -> tuple[float, float]:
+    def dual_norms(self) -> tuple[float, float]:
         """S_1 and S: bounds on R(z) over the energy norm of z, for all z, and for z = 0 on clamped sides.
 
         S_1 is infinite for c = 0.
         """
-        on_H1 = of_gradients = of_values = 0.0
-        for block in blocks(len(self.misfit)):
-            on_H1 += float(self._squares(block).sum())
-            m = self.misfit[block] + self.mesh.longest_edges[block] / J * self.oscillation[block]
-            r = self.mean[block] + self.rest[block]
-            of_gradients += float(m @ m)
-            of_values += float(r @ r)
-        S_1, M, N = _root(on_H1), _root(of_gradients), _root(of_values)
+        squares = gradient_squares = value_squares = 0.0
+        for block in row_blocks(len(self.misfit)):
+            squares += float(self._squares_of_block(block).sum())
+            m = self.misfit[block] + self.mesh.longest_edges[block] / BESSEL_ZERO * self.oscillation[block]
+            r = self.mean[block] + self.remainder[block]
+            gradient_squares += float(m @ m)
+            value_squares += float(r @ r)
+        S_1 = _root_with_rounding(squares)
+        M = _root_with_rounding(gradient_squares)
+        N = _root_with_rounding(value_squares)
 
-        # (ii)
-        k, c, C = self.form.k, self.form.c, self.form.friedrichs
+        # (ii): S_2, where the largest value is not that of (i) for theta = 1
+        k = self.form.k
+        c = self.form.c
+        C = self.form.friedrichs
         if math.isinf(C) or k * N < c * C * M:
             return S_1, S_1
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
     def shares(self) -> Array:
-        """(m,) the triangles' parts of S^2: but for rounding their sum is at most that and at least half."""
-        k, c, C = self.form.k, self.form.c, self.form.friedrichs
-        S_1, S = self.norms() if math.isfinite(C) else (0.0, 0.0)
+        """The triangles' parts (m,) of S^2: but for rounding their sum is at most that and at least half."""
+        k = self.form.k
+        c = self.form.c
+        C = self.form.friedrichs
+        S_1, S = self.dual_norms() if math.isfinite(C) else (0.0, 0.0)
         if S == S_1:
             return self.squares()
-        m = self.misfit + self.mesh.longest_edges / J * self.oscillation
-        r = C * (self.mean + self.rest)
+        # S_2^2 <= 2 sum (m^2 + r^2) / (k + c C^2), with C times (r + E) for r
+        m = self.misfit + self.mesh.longest_edges / BESSEL_ZERO * self.oscillation
+        r = C * (self.mean + self.remainder)
         return np.asarray((m**2 + r**2) / (k + c * C**2))
 
-    def _squares(self, block: slice) -> Array:
-        """(k,) the squares of min(s, s') on some triangles."""
-        k, c = self.form.k, self.form.c
-        m, o, r, E = self.misfit[block], self.oscillation[block], self.mean[block], self.rest[block]
+    def _squares_of_block(self, block: slice) -> Array:
+        """The square of min(s, s') on each triangle of a block, (k,)."""
+        k = self.form.k
+        c = self.form.c
+        m = self.misfit[block]
+        o = self.oscillation[block]
+        r = self.mean[block]
+        E = self.remainder[block]
         if not c:
             return np.full_like(m, math.inf)
-        poincare = self.mesh.longest_edges[block] / J
+        poincare = self.mesh.longest_edges[block] / BESSEL_ZERO
         ratio = c / k
 
         # (i): theta is best for E = 0, and any number where o = 0
         with np.errstate(divide="ignore", invalid="ignore"):
             theta = (o - ratio * poincare * m) / (o + ratio * poincare**2 * o)
         theta = np.fmin(np.fmax(theta, 0.0), 1.0)
-        of_gradients = (m + theta * poincare * o) / math.sqrt(k)
-        of_values = (np.hypot(r, (1 - theta) * o) + E) / math.sqrt(c)
-        return np.asarray(np.minimum(of_gradients**2 + of_values**2, self.by_parts[block] ** 2))
+        gradient_term = (m + theta * poincare * o) / math.sqrt(k)
+        value_term = (np.hypot(r, (1 - theta) * o) + E) / math.sqrt(c)
+        return np.asarray(np.minimum(gradient_term**2 + value_term**2, self.s_prime[block] ** 2))
 
 
-def _root(squares: float) -> float:
+def _root_with_rounding(squares: float) -> float:
     """The root of a sum of squares, with its rounding."""
-    return (1 + SUMS) * math.sqrt(squares) + UNDERFLOW
+    return (1 + SQUARES_ROUNDING) * math.sqrt(squares) + UNDERFLOW

@@ -1,7 +1,11 @@
 """The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
 
-The bounds follow from the residuals of u_h and of a feasible v with one flux q (`total_errors`). Both v and q
-begin with w of V_h, which is u_h or near it, and with the flux of `equilibrated` for w (`balanced`).
+Symbols as in `total_errors`: u_h + y is feasible, D = |||y|||, B = <sigma, u_h + y - g>, S bounds the
+residual on functions that vanish on clamped sides; s' is the second bound of `residual_norm` on a triangle.
+
+The bounds follow from the residuals of u_h and of a feasible v with one flux q (`bound_total_errors`). Both v
+and q begin with w of V_h, which is u_h or near it, and with the flux of `equilibrate_flux` for w
+(`balance_potential`).
 
 The flux gets a divergence that is linear on each triangle T. With p = c w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
@@ -35,43 +39,43 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unilateral.arrays import Array, Mask
-from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
+from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux, no_given_flux
 from unilateral.bounds.clamped_ends import outflows
-from unilateral.bounds.equilibrated_flux import flows
-from unilateral.bounds.feasible import Lifting, lifting
+from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.bounds.equilibrated_flux import triangle_inflows
+from unilateral.bounds.feasible import Lifting, build_lifting
 from unilateral.bounds.flux_residuals import (
-    ROUNDING,
-    allowances,
+    SUM_ROUNDING,
+    add_given_flux_remainder,
     misfit,
-    put_tau,
     residual_parts,
+    rounding_allowances,
     stretched_divergence,
 )
-from unilateral.bounds.local_bounds import Bound, check, flux_of
-from unilateral.bounds.mesh_data import MeshData
-from unilateral.bounds.residual_norm import SUMS, ResidualParts, underflow
+from unilateral.bounds.local_bounds import Bound, check_discrete_solution, equilibrate_source
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts, underflow_allowance
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import defect, total_errors
-from unilateral.fem.condense import matrix
+from unilateral.bounds.total_errors import bound_residual, bound_total_errors
+from unilateral.fem.condense import form_matrix
 from unilateral.fem.form import Form
-from unilateral.fem.linear_systems import solved
-from unilateral.fem.p1 import edge_load, lumped_mass, of_rest
-from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
+from unilateral.fem.linear_systems import solve_sparse
+from unilateral.fem.p1 import edge_load, lumped_mass, subtract_lift_from_load
+from unilateral.fem.p2 import QuadraticSpace, linear_square_norms, quadratic_space, quadratic_square_norms
 from unilateral.geometry.partition import Partition
 
-ENOUGH = 0.01
+MIN_RELATIVE_GAIN = 0.01
 """The steps end when one of v and one of q together lower eta^2 by less than this fraction of it.
 
 The next ones would take less still.
 """
-MOST_STEPS = 50
+MAX_DESCENT_STEPS = 50
 """At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
-THICK = 20.0
+THICK_TRIANGLE_LAYERS = 20.0
 """On triangles with an edge longer than this times (k/c)^{1/2} the flux stays as it is, and phi is 0.
 
 There s' of `flux_residuals` counts, for u_h.
 """
-UNBALANCED = 0.01
+MAX_IMBALANCE_FRACTION = 0.01
 """What w leaves of the discrete equations may be this fraction of the squared error of w in L2, over W^4.
 
 W is that of ||z||_0 <= W ||z||. The error is like W min(h/W, k^{1/2}) ||q - k grad w|| / k on a triangle.
@@ -79,8 +83,8 @@ W is that of ||z||_0 <= W ||z||. The error is like W min(h/W, k^{1/2}) ||q - k g
 
 
 def sharp_bound(
-    data: MeshData,
-    cells: Partition,
+    data: EnclosedData,
+    partition: Partition,
     u_h: Array,
     lambda_H: Array,
     form: Form,
@@ -91,221 +95,273 @@ def sharp_bound(
     w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
     the sharper the bounds are.
     """
-    mesh, source, tau = data.mesh, data.source, data.tau
-    check(mesh, cells, u_h, lambda_H, form)
+    mesh = data.mesh
+    source = data.source
+    tau = data.given_flux
+    check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
-    flux = edge_flux(mesh, cells, lambda_H, w, form)
-    lift = lifting(data.constraint, form, u_h, flux)
-    spaces = quadratic(mesh)
-    w, q = balanced(source, w, flux.ends + tau.ends, form)
-    field = _field(spaces, source, w, q, form)
+    flux = build_normal_flux(mesh, partition, lambda_H, w, form)
+    lift = build_lifting(data.constraint, form, u_h, flux)
+    spaces = quadratic_space(mesh)
+    w, q = balance_potential(source, w, flux.end_values + tau.end_values, form)
+    field = _build_misfit_field(spaces, source, w, q, form)
 
-    # D = ||y||, and the norm of the part of y at clamped sides
-    nodal, edges, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    added = math.sqrt(float(lift.added(short).sum()))
-    clamped = form.edges(mesh)
-    at_nodes = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
-    at_clamped = lift.of.norm(form, at_nodes, np.where(clamped, edges, 0.0))
-    at_clamped += math.sqrt(float(short.squares[clamped].sum()))
-    lost = underflow(mesh, form)
-    D = (1 + SUMS) * (lift.of.norm(form, nodal, edges) + short.norm + added) + lost
-    D_clamped = (1 + SUMS) * (at_clamped + added) + lost
+    # D = ||y||, and D_D, the norm of the part of y at clamped sides
+    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    remainder_norm_of_y = math.sqrt(float(lift.remainder_squares(shortfall).sum()))
+    clamped = form.clamped_edges(mesh)
+    clamped_nodal = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
+    clamped_norm = lift.layer.norm(form, clamped_nodal, np.where(clamped, edge_bubbles, 0.0))
+    clamped_norm += math.sqrt(float(shortfall.extension_squares[clamped].sum()))
+    underflow = underflow_allowance(mesh, form)
+    # triangle inequality: y is hats and bubbles, the extensions w, and the hats for the remainder of g; of
+    # the last two only norms are used
+    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + remainder_norm_of_y
+    D = (1 + SQUARES_ROUNDING) * y_norm + underflow
+    D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + remainder_norm_of_y) + underflow
 
     # the flux q + curl phi, and a feasible v = w + d
-    load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)
-    d, phi, steps = _descended(lift, field, load, 2 * short.product)
-    field = field.turned(phi)
-    of_nodes, of_edges = np.split(d[spaces.of_boundary], 2)
-    *more, short_of_v = lift.lifted(w[mesh.boundary] + of_nodes, of_edges)
-    d[spaces.of_boundary] += np.concatenate(more)
-    added_to_v = math.sqrt(float(lift.added(short_of_v).sum()))
-    missing = (1 + SUMS) * (short_of_v.norm + added_to_v) + lost
+    load = spaces.load(source.f_h) + spaces.edge_load(tau.end_values)
+    d, phi, steps = _minimise_eta(lift, field, load, 2 * shortfall.complementarity)
+    field = field.add_curl(phi)
+    d_nodal, d_bubbles = np.split(d[spaces.boundary_unknowns], 2)
+    nodal_raise, bubble_raise, v_shortfall = lift.make_feasible(w[mesh.boundary] + d_nodal, d_bubbles)
+    d[spaces.boundary_unknowns] += np.concatenate([nodal_raise, bubble_raise])
+    remainder_norm_of_v = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
+    # the norms of what v lacks of being feasible, extensions and hats for the remainder, are added to S of v
+    # (`total_errors`, the last sentence); what u_h lacks is y
+    missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + remainder_norm_of_v) + underflow
 
-    # the residual of u_h, with s' where q stays as it is
-    residual = field.parts(spaces.of_hats(u_h - w), tau)
-    if field.thick.any():
-        by_parts = residual_parts(source, tau, u_h, q, form).by_parts
-        residual = residual._replace(by_parts=np.where(field.thick, by_parts, math.inf))
+    # the residuals of u_h, with s' where q stays as it is, and of v
+    residual = field.residual_parts(spaces.embed_linear(u_h - w), tau)
+    # curl phi is 0 on thick triangles: s' of the first q still holds there
+    if field.is_thick.any():
+        s_prime = residual_parts(source, tau, u_h, q, form).s_prime
+        residual = residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    v_residual = field.residual_parts(d, tau)
 
-    of_tau = tau.distance(mesh, form)
-    errors = total_errors(
-        mesh.growth,
-        defect(residual, of_tau, short.product),
-        defect(field.parts(d, tau), missing + of_tau, short_of_v.product),
+    # Theorem 8 (Proposition S14), with S of u_h and of v by Lemma S18
+    tau_error = tau.projection_error(mesh, form)
+    errors = bound_total_errors(
+        mesh.exact_mesh_factor,
+        bound_residual(residual, tau_error, shortfall.complementarity),
+        bound_residual(v_residual, missing_norm + tau_error, v_shortfall.complementarity),
         D=D,
         D_clamped=D_clamped,
-        of_sigma=flux.distance(mesh, form),
+        sigma_distance=flux.multiplier_distance(mesh, form),
     )
-    doubt = max(added, added_to_v) + tau.unknown(mesh, form)
+    remainder = max(remainder_norm_of_y, remainder_norm_of_v) + tau.remainder_dual_norm(mesh, form)
     return Bound(
         u=errors.u,
-        lambda_=errors.lambda_ if form.held(mesh.side).any() else 0.0,
-        lifting=D,
-        unknown=form.value_constant * source.unknown + doubt,
-        irreducible=doubt + form.value_constant * source.irreducible,
+        lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
+        lift_norm=D,
+        data_remainder=form.value_constant * source.remainder_norm + remainder,
+        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
         eta=errors.eta,
         steps=steps,
         outflows=field.outflows,
-        of_fluxes=errors.fluxes,
+        reaction_bound=errors.reaction_bound,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Field:
+class _MisfitField:
     """q - k grad w and f_h + div q - c w for a flux q and w (n,) of V_h; v of P2 is given by v - w.
 
-    The first one has the coefficients `hats` and `bubbles` (m, 3, 2), the second one the values `rho` (m, 3)
-    at the nodes. `more_field` and `more_rho` (m,) are what rounding and the exact mesh may add to both on a
-    triangle, and `thick` (m,) says where q stays as it is. `outflows` are those of a `Bound`: curl phi
-    changes none but within a row of clamped sides.
+    The first one has the coefficients `misfit_hats` and `misfit_bubbles` (m, 3, 2), the second one the values
+    `rho` (m, 3) at the nodes. `misfit_allowance` and `rho_allowance` (m,) are what rounding and the exact
+    mesh may add to both on a triangle, and `is_thick` (m,) says where q stays as it is. `outflows` are those
+    of a `Bound`: curl phi changes none but within a row of clamped sides.
     """
 
-    spaces: Quadratic
+    spaces: QuadraticSpace
     source: Source
     form: Form
     w: Array
-    hats: Array
-    bubbles: Array
+    misfit_hats: Array
+    misfit_bubbles: Array
     rho: Array
-    more_field: Array
-    more_rho: Array
-    thick: Mask
+    misfit_allowance: Array
+    rho_allowance: Array
+    is_thick: Mask
     outflows: Array
 
-    def turned(self, phi: Array) -> _Field:
-        """The same for q + curl phi in place of q."""
+    def add_curl(self, phi: Array) -> _MisfitField:
+        """The field for the flux q + curl phi."""
         mesh = self.spaces.mesh
         # a height of a triangle is twice its area over an edge
         size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
-        more = (ROUNDING + mesh.distortion) * size
-        hats = self.hats + _curl(self.spaces.gradient(phi))
-        return replace(self, hats=hats, more_field=self.more_field + more)
+        allowance = (SUM_ROUNDING + mesh.distortion) * size
+        misfit_hats = self.misfit_hats + _curl(self.spaces.gradient(phi))
+        return replace(self, misfit_hats=misfit_hats, misfit_allowance=self.misfit_allowance + allowance)
 
-    def squares(self, d: Array) -> Array:
-        """(3, m) squared norms for v = w + d: of q - k grad v, of rho less its mean, and of its mean."""
-        k, c, areas = self.form.k, self.form.c, self.spaces.mesh.areas
-        of_hats, of_bubbles = self.spaces.coefficients(d)
-        hats, bubbles = self.rho - c * of_hats, -c * of_bubbles
-        mean = hats.mean(axis=1) + bubbles.sum(axis=1) / 3
-        of_gradients = squares(areas, self.hats - k * self.spaces.gradient(d), self.bubbles)
-        return np.stack([of_gradients, squares(areas, hats - mean[:, None], bubbles), areas * mean**2])
+    def square_norms(self, d: Array) -> Array:
+        """The squared norms (3, m) of q - k grad v, of rho less its mean, and of its mean, for v = w + d.
 
-    def parts(self, d: Array, tau: Given) -> ResidualParts:
+        The bounds weigh the mean of rho and the rest differently.
+        """
+        k = self.form.k
+        c = self.form.c
+        areas = self.spaces.mesh.areas
+        d_hats, d_bubbles = self.spaces.coefficients(d)
+        rho_hats = self.rho - c * d_hats
+        rho_bubbles = -c * d_bubbles
+        # the means of a hat and of a bubble are 1/3
+        mean = rho_hats.mean(axis=1) + rho_bubbles.sum(axis=1) / 3
+        misfit_squares = quadratic_square_norms(
+            areas, self.misfit_hats - k * self.spaces.gradient(d), self.misfit_bubbles
+        )
+        return np.stack(
+            [
+                misfit_squares,
+                quadratic_square_norms(areas, rho_hats - mean[:, None], rho_bubbles),
+                areas * mean**2,
+            ]
+        )
+
+    def residual_parts(self, d: Array, given_flux: GivenEdgeFlux) -> ResidualParts:
         """The parts of the residual of v = w + d, with what is left of tau; s' is infinite."""
-        mesh, source, form = self.spaces.mesh, self.source, self.form
-        size = ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
-        more_field = self.more_field + form.k * size * mesh.longest_edges / mesh.areas
-        more_rho = self.more_rho + form.c * size
-        of_field, of_rho, mean = np.sqrt(self.squares(d))
+        mesh = self.spaces.mesh
+        source = self.source
+        form = self.form
+        size = SUM_ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
+        misfit_allowance = self.misfit_allowance + form.k * size * mesh.longest_edges / mesh.areas
+        rho_allowance = self.rho_allowance + form.c * size
+        misfit_norm, rho_norm, mean = np.sqrt(self.square_norms(d))
         # p - f_h is orthogonal to linear functions
         is_linear = not np.any(d[len(self.w) :])
-        mean_free = np.hypot(of_rho, source.oscillation) if is_linear else of_rho + source.oscillation
-        parts = ResidualParts(
+        mean_free = np.hypot(rho_norm, source.oscillation) if is_linear else rho_norm + source.oscillation
+        residual = ResidualParts(
             mesh,
             form,
-            misfit=of_field + np.sqrt(mesh.areas) * more_field,
+            misfit=misfit_norm + np.sqrt(mesh.areas) * misfit_allowance,
             oscillation=mean_free + source.jumps,
             mean=mean,
-            rest=source.rest + np.sqrt(mesh.areas) * more_rho,
-            by_parts=np.broadcast_to(math.inf, mean.shape),
+            remainder=source.remainder + np.sqrt(mesh.areas) * rho_allowance,
+            s_prime=np.broadcast_to(math.inf, mean.shape),
         )
-        put_tau(parts, tau)
-        return parts
+        add_given_flux_remainder(residual, given_flux)
+        return residual
 
 
-def _curl(slope: Array) -> Array:
-    """(m, 3, 2) (d_y phi, -d_x phi), from (d_x phi, d_y phi)."""
-    return np.stack([slope[..., 1], -slope[..., 0]], axis=2)
+def _curl(gradient: Array) -> Array:
+    """The curl (d_y phi, -d_x phi) at the nodes of each triangle, from the gradient of phi, (m, 3, 2)."""
+    return np.stack([gradient[..., 1], -gradient[..., 0]], axis=2)
 
 
-def balanced(source: Source, u_h: Array, sigma: Array, form: Form) -> tuple[Array, Array]:
-    """w (n,), and its flux as `equilibrated` gives it.
+def balance_potential(source: Source, u_h: Array, sigma: Array, form: Form) -> tuple[Array, Array]:
+    """w (n,), and its flux as `equilibrate_flux` gives it.
 
     The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
     What a solver left of the discrete equations, and what the flux on the edges leaves of lambda_H, may be
     nothing beside the error of u_h, and much beside the error of lambda_H, which is smaller.
     """
-    mesh, w = source.mesh, u_h
+    mesh = source.mesh
+    # the error of w in L2 over W^2 is nearly ||q - k grad w||_T min(h / W, k^{1/2}) / (k W)
+    w = u_h
     W = form.value_constant
-    for last in (False, True):
-        q = flux_of(source, w, sigma, form)
-        parts = residual_parts(source, nothing(mesh), w, q, form)
-        error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * parts.misfit / (form.k * W)
-        least = max(UNBALANCED * float(error @ error), float(parts.rest @ parts.rest))
-        if last or parts.mean @ parts.mean <= least:
+    for is_last in (False, True):
+        q = equilibrate_source(source, w, sigma, form)
+        residual = residual_parts(source, no_given_flux(mesh), w, q, form)
+        error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * residual.misfit / (form.k * W)
+        tolerance = max(
+            MAX_IMBALANCE_FRACTION * float(error @ error), float(residual.remainder @ residual.remainder)
+        )
+        if is_last or residual.mean @ residual.mean <= tolerance:
             break
-        w = _solved(source, w, sigma, least, form)
+        w = _solve_discrete_equations(source, w, sigma, tolerance, form)
     return w, q
 
 
-def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) -> Array:
-    """w with (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
+def _solve_discrete_equations(source: Source, w: Array, sigma: Array, tolerance: float, form: Form) -> Array:
+    """w with k (grad w, grad psi_a) + c (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to what div q may lack.
 
     Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
     most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
-    is brought down to `least`.
+    is brought down to `tolerance`.
     """
-    mesh, held = source.mesh, np.where(form.fixed(source.mesh), w, 0.0)
-    rhs = of_rest(mesh, form, source.load + edge_load(mesh, sigma), held)
-    return held + solved(matrix(mesh, form), rhs, w - held, lumped_mass(mesh), least)[0]
+    mesh = source.mesh
+    lift = np.where(form.clamped_nodes(source.mesh), w, 0.0)
+    rhs = subtract_lift_from_load(mesh, form, source.load + edge_load(mesh, sigma), lift)
+    return lift + solve_sparse(form_matrix(mesh, form), rhs, w - lift, lumped_mass(mesh), tolerance)[0]
 
 
-def _field(spaces: Quadratic, source: Source, w: Array, q: Array, form: Form) -> _Field:
-    """The `_Field` of q + theta r for w; w and q are as `balanced` gives them."""
+def _build_misfit_field(
+    spaces: QuadraticSpace, source: Source, w: Array, q: Array, form: Form
+) -> _MisfitField:
+    """The `_MisfitField` of q + theta r for w; w and q are as `balance_potential` gives them."""
     mesh = spaces.mesh
 
-    # theta r, and rho with what that leaves of its mean-free part, -p
-    p, x = form.c * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
-    along, fall = np.roll(x, -1, axis=1) - x, p - np.roll(p, -1, axis=1)
-    r, p_free = fall[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
-    of_div = form.k * linear_squares(mesh.areas, p_free)
-    both = of_div + form.c * squares(mesh.areas, np.zeros_like(r), r)
-    theta = np.divide(of_div, both, out=np.ones_like(both), where=both > 0)
-    thick = form.c * mesh.longest_edges**2 > THICK**2 * form.k
+    # theta r as above, and rho with what that leaves of its mean-free part, -p
+    p = form.c * w[mesh.triangles] - source.f_h
+    x = mesh.points[mesh.triangles]
+    along = np.roll(x, -1, axis=1) - x
+    # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
+    fall = p - np.roll(p, -1, axis=1)
+    r = fall[..., None] * along / 12
+    p_free = p - p.mean(axis=1, keepdims=True)
+    div_squares = form.k * linear_square_norms(mesh.areas, p_free)
+    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
+    theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
+    thick = form.c * mesh.longest_edges**2 > THICK_TRIANGLE_LAYERS**2 * form.k
     theta = np.where(thick, 0.0, theta)[:, None]
-    ends = flows(mesh, q, slice(None))
-    divergence = -0.5 * (ends[0] + ends[1]).sum(axis=0) / mesh.areas
+    inflows = triangle_inflows(mesh, q, slice(None))
+    divergence = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
     rho = (divergence - p.mean(axis=1))[:, None] - (1 - theta) * p_free
 
     # what rounding may do to w, q and r
-    size = (ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
+    size = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
     largest = np.abs(w[mesh.triangles]).max(axis=1)
     stretched = stretched_divergence(mesh, q)
-    more_field, more_rho = allowances(mesh, slice(None), largest, source.f_h.T, ends, form, stretched)
-    return _Field(
+    misfit_allowance, rho_allowance = rounding_allowances(
+        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched
+    )
+    return _MisfitField(
         spaces,
         source,
         form,
         w,
-        hats=-misfit(mesh, w, q, slice(None), form.k),
-        bubbles=theta[..., None] * r,
+        misfit_hats=-misfit(mesh, w, q, slice(None), form.k),
+        misfit_bubbles=theta[..., None] * r,
         rho=rho,
-        more_field=more_field + mesh.longest_edges * size,
-        more_rho=more_rho + 2 * size,
-        thick=thick,
+        misfit_allowance=misfit_allowance + mesh.longest_edges * size,
+        rho_allowance=rho_allowance + 2 * size,
+        is_thick=thick,
         outflows=outflows(mesh, form, q),
     )
 
 
-def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple[Array, Array, int]:
+def _minimise_eta(
+    lifting: Lifting, field: _MisfitField, load: Array, complementarity: float
+) -> tuple[Array, Array, int]:
     """d = v - w and phi (size,), and how many steps were made.
 
-    `load` (size,) is that of v, and `slack` is nearly 2 <sigma, v - g>.
+    `load` (size,) is that of v, and `complementarity` is nearly 2 <sigma, v - g>.
     """
-    spaces, form, w = field.spaces, field.form, field.spaces.of_hats(field.w)
-    d, outer = np.zeros(spaces.size), np.zeros(len(spaces.of_boundary), dtype=bool)
-    outer[lift.g.unknowns[~lift.g.clamped]], outer[0] = True, True
-    d[spaces.of_boundary] = np.concatenate(lift.met(field.w[spaces.mesh.boundary]))
-    free, inner = spaces.free(lift.contact), spaces.free(outer, spaces.unknowns[field.thick])
+    spaces = field.spaces
+    form = field.form
+    w = field.spaces.embed_linear(field.w)
+    d = np.zeros(spaces.size)
+    outer = np.zeros(len(spaces.boundary_unknowns), dtype=bool)
+    outer[lifting.constraint.unknowns[~lifting.constraint.clamped_edges]] = True
+    outer[0] = True  # constants have no curl
+    # v starts as g in contact, and stays that there; phi is 0 on sides not clamped, and on thick triangles
+    d[spaces.boundary_unknowns] = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
+    free = spaces.vanishing_basis(lifting.contact)
+    inner = spaces.vanishing_basis(outer, spaces.unknowns[field.is_thick])
 
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
-    of_field, *of_rho = field.squares(d).sum(axis=1)
-    square = of_field / form.k + form.value_constant**2 * sum(of_rho) + slack
-    of_curl = spaces.load_of_gradients(_curl(field.hats), _curl(field.bubbles)) / form.k
-    of_phi = spaces.descent(spaces.matrix(Form(1 / form.k, 0.0)), of_curl, np.zeros(spaces.size), inner)
-    of_v = spaces.descent(spaces.matrix(form), load, w + d, free)
-    gain, steps = math.inf, 0
-    while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
-        gain = of_v.step() + of_phi.step()
-        square, steps = square - gain, steps + 1
-    return d + free @ of_v.x, inner @ of_phi.x, steps
+    misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
+    eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
+    curl_load = spaces.gradient_load(_curl(field.misfit_hats), _curl(field.misfit_bubbles)) / form.k
+    phi_descent = spaces.conjugate_gradients(
+        spaces.matrix(Form(1 / form.k, 0.0)), curl_load, np.zeros(spaces.size), inner
+    )
+    v_descent = spaces.conjugate_gradients(spaces.matrix(form), load, w + d, free)
+    gain = math.inf
+    steps = 0
+    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:  # below 0 where v < g
+        gain = v_descent.step() + phi_descent.step()
+        eta_square = eta_square - gain
+        steps = steps + 1
+    return d + free @ v_descent.x, inner @ phi_descent.x, steps

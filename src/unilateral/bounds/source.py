@@ -1,11 +1,12 @@
 """f enclosed on a mesh: its linear part on every triangle, and a bound on what the rest can do.
 
-On a piece f is near a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces
-are the triangles of the first mesh; where rad is not small they are replaced by those that came from them
-(`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but for a part
-whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| rad^2 is small, so that no
-peak of f can hide between points. With f_h the L2 projection of p to linear functions on each triangle T,
-p - f_h is orthogonal to linear functions there, and E_T >= ||f - p||_T. `residual_norm` has what both can do.
+On a piece f is near a polynomial p, |f - p| <= remainder (`taylor`). On a mesh made by refinement the first
+pieces are the triangles of the first mesh; where the remainder is not small they are replaced by those that
+came from them (`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but
+for a part whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| remainder^2 is
+small, so that no peak of f can hide between points. With f_h the L2 projection of p to linear functions on
+each triangle T, p - f_h is orthogonal to linear functions there, and E_T >= ||f - p||_T. `residual_norm`
+has what both can do.
 """
 
 from __future__ import annotations
@@ -14,29 +15,37 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.source_ancestors import FEW, AncestorSearch, Seen, Sums, resolution, sums_of, values
+from unilateral.arrays import Array, Index, Mask, row_blocks
+from unilateral.bounds.source_ancestors import (
+    TRIANGLES_PER_BLOCK,
+    Ancestors,
+    AncestorSearch,
+    PieceSums,
+    project_polynomials,
+    relative_mesh_size,
+    sum_pieces,
+)
 from unilateral.bounds.source_pieces import (
     TrianglePieces,
-    averages,
+    attainable_squares,
+    coordinate_scale,
+    enclose_pieces,
     hat_means,
-    known_at_points,
-    polynomials,
-    rounded_size,
-    with_gaps,
+    polynomial_means,
+    widen_areas,
 )
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import linear_moments, load_vector
-from unilateral.fem.p2 import linear_squares
+from unilateral.fem.p2 import linear_square_norms
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.problem import SourceFunction
 
-IN_VAIN = 16.0
+MIN_QUARTERING_RATIO = 16.0
 """A piece is not quartered if its E^2 is at most this times what rounding leaves."""
-RESOLVED = 4.0
+MAX_RESOLVED_RATIO = 4.0
 """f counts as resolved if the sum of E^2 is at most this times the wanted sum."""
-MOST_PIECES = 200_000
+MAX_SOURCE_PIECES = 200_000
 """At most this many pieces are looked at, or four times the number of triangles of the mesh if that is more.
 
 Triangles of coarser levels are not counted.
@@ -48,145 +57,193 @@ class Source:
     """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
 
     f - f_h is the sum of p - f_h, which is orthogonal to linear functions on triangles, of a function with
-    mean 0 that jumps leave, and of another one. Their norms are at most `oscillation`, `jumps` and `rest`
-    (m,), the last of which is E_T. `resolved` says whether `rest` is as small as wanted, and `seen` where p
-    was found.
+    mean 0 that jumps leave, and of another one. Their norms are at most `oscillation`, `jumps` and
+    `remainder` (m,), the last of which is E_T. `is_resolved` says whether `remainder` is as small as wanted,
+    and `ancestors` where p was found.
     """
 
     mesh: Mesh
     f_h: Array
     oscillation: Array
     jumps: Array
-    rest: Array
-    resolved: bool = True
-    seen: Seen | None = None
+    remainder: Array
+    is_resolved: bool = True
+    ancestors: Ancestors | None = None
 
     @property
     def load(self) -> Array:
-        """(n,) values of (f_h, phi_i)."""
+        """The load vector (f_h, phi_i), (n,)."""
         return load_vector(self.mesh, self.moments())
 
-    def moments(self, of: slice = slice(None)) -> Array:
-        """(k, 3) the moments of f_h, and so of p, with the hats of some triangles, or of all."""
-        return linear_moments(self.mesh.areas[of], self.f_h[of])
+    def moments(self, triangles: slice = slice(None)) -> Array:
+        """The moments of f_h, and so of p, with the hats of some triangles, or of all, (k, 3)."""
+        return linear_moments(self.mesh.areas[triangles], self.f_h[triangles])
 
     @property
-    def unknown(self) -> float:
+    def remainder_norm(self) -> float:
         """A bound on the L2 norm of f - p, the part of f that the polynomials miss."""
-        return float(np.linalg.norm(self.rest))
+        return float(np.linalg.norm(self.remainder))
 
     @property
-    def irreducible(self) -> float:
+    def irreducible_remainder(self) -> float:
         """The part of that norm that hardly falls on finer meshes."""
-        return 0.0 if self.resolved else self.unknown
+        return 0.0 if self.is_resolved else self.remainder_norm
 
-    def put(self, at: Index | slice, of: Source) -> None:
-        """Put in what is known on the triangles `at` as those of another mesh."""
-        self.f_h[at] = of.f_h
-        self.oscillation[at] = of.oscillation
-        self.jumps[at] = of.jumps
-        self.rest[at] = of.rest
+    def fill_from_source(self, triangles: Index | slice, source: Source) -> None:
+        """Put in what is known on the triangles `triangles` as those of another mesh."""
+        self.f_h[triangles] = source.f_h
+        self.oscillation[triangles] = source.oscillation
+        self.jumps[triangles] = source.jumps
+        self.remainder[triangles] = source.remainder
 
-    def put_polynomials(self, at: Index, seen: Seen) -> None:
-        """Put in what the polynomials say on the triangles `at` (k,)."""
-        mesh, size = self.mesh, rounded_size(self.mesh)
+    def fill_from_ancestors(self, triangles: Index, ancestors: Ancestors) -> None:
+        """Put in what the polynomials say on the triangles `triangles` (k,)."""
+        mesh = self.mesh
+        size = coordinate_scale(self.mesh)
         places = np.ascontiguousarray(mesh.points.T)
-        for some in (at[of] for of in blocks(len(at), FEW)):
-            area, of = mesh.areas[some], seen.of[some]
-            f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
-            outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
+        for block in row_blocks(len(triangles), TRIANGLES_PER_BLOCK):
+            some = triangles[block]
+            area = mesh.areas[some]
+            numbers = ancestors.numbers[some]
+            corners = places[:, mesh.triangles[some].T]
+            f_h, squares = project_polynomials(corners, ancestors.polynomials, numbers)
+            # E_T = |T|^{1/2} remainder, on the triangle and on what rounding leaves between triangles
+            outer = widen_areas(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some] = f_h.T
             self.oscillation[some] = np.sqrt(area * squares)
             self.jumps[some] = 0.0
-            self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
+            self.remainder[some] = np.sqrt(outer) * ancestors.polynomials.remainder[numbers]
 
-    def sums(self, of: Mask) -> Sums:
+    def piece_sums(self, triangles: Mask) -> PieceSums:
         """The sums over some of the triangles."""
-        area, means = self.mesh.areas[of], self.f_h[of].mean(axis=1)
-        squares = linear_squares(area, self.f_h[of]) + (self.oscillation[of] + self.jumps[of]) ** 2
-        unknown = float(np.sum(self.rest[of] ** 2))
-        return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
+        area = self.mesh.areas[triangles]
+        means = self.f_h[triangles].mean(axis=1)
+        p_squares = (
+            linear_square_norms(area, self.f_h[triangles])
+            + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
+        )
+        remainder_squares = float(np.sum(self.remainder[triangles] ** 2))
+        return PieceSums(
+            remainder_squares, float(p_squares.sum()), float(area @ means), float(area.sum()), len(area)
+        )
 
 
-def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None, length: float = 1.0) -> Source:
-    """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice.
+def enclose_function(
+    mesh: Mesh, f: SourceFunction, coarser: Source | None = None, length_scale: float = 1.0
+) -> Source:
+    """f on the mesh; `remainder` is infinite where f has no bound, and large where pieces did not suffice.
 
-    What is known on a mesh `before`, from which this one was refined, is kept where that is enough. For the
-    `length` see `resolution`.
+    What is known on a mesh `coarser`, from which this one was refined, is kept where that is enough. For the
+    `length_scale` see `relative_mesh_size`.
     """
     n = len(mesh.triangles)
-    source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((3, n))), None, Sums()
-    if before:
-        source.put(slice(len(before.f_h)), before)
-    if before and before.seen:
-        seen, sums = before.seen, before.sums(np.ones(len(before.f_h), dtype=bool))
-    first = before.mesh if before else mesh.coarse or mesh
-    search = AncestorSearch(mesh, f, resolution(mesh, length), first, seen, sums)
-    wide = search.new & search.wide()
-    source.put_polynomials(np.flatnonzero(search.new & ~wide), search.seen)
+    source = Source(mesh, np.empty((n, 3)), *np.empty((3, n)))
+    ancestors = None
+    sums = PieceSums()
+    if coarser:
+        source.fill_from_source(slice(len(coarser.f_h)), coarser)
+    if coarser and coarser.ancestors:
+        ancestors = coarser.ancestors
+        sums = coarser.piece_sums(np.ones(len(coarser.f_h), dtype=bool))
+    first = coarser.mesh if coarser else mesh.coarse or mesh
+    search = AncestorSearch(mesh, f, relative_mesh_size(mesh, length_scale), first, ancestors, sums)
+    # triangles of the mesh itself on which no ancestor's polynomial is near enough are quartered
+    wide = search.is_new & search.find_coarse_triangles()
+    source.fill_from_ancestors(np.flatnonzero(search.is_new & ~wide), search.ancestors)
     sums = search.sums
     if wide.any():
-        left = np.flatnonzero(wide)
-        pieces, sums = _in_pieces(mesh.part(left), f, length, source.sums(~wide), max(MOST_PIECES, 4 * n))
-        source.put(left, pieces)
-    resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(resolution(mesh, length))
-    return replace(source, resolved=resolved, seen=search.seen)
+        wide_triangles = np.flatnonzero(wide)
+        pieces, sums = _enclose_by_quartering(
+            mesh.select_triangles(wide_triangles),
+            f,
+            length_scale,
+            sums=source.piece_sums(~wide),
+            max_pieces=max(MAX_SOURCE_PIECES, 4 * n),
+        )
+        source.fill_from_source(wide_triangles, pieces)
+    target = sums.target(relative_mesh_size(mesh, length_scale))
+    resolved = float(source.remainder @ source.remainder) <= MAX_RESOLVED_RATIO * target
+    return replace(source, is_resolved=resolved, ancestors=search.ancestors)
 
 
-def enclose_source(mesh: Mesh, f: SourceFunction | Array, form: Form, before: Source | None = None) -> Source:
-    """f on the mesh, `enclosed`, or linear if it is given at the nodes (n,)."""
-    return linear(mesh, f) if isinstance(f, np.ndarray) else enclosed(mesh, f, before, form.length)
+def enclose_source(
+    mesh: Mesh, f: SourceFunction | Array, form: Form, coarser: Source | None = None
+) -> Source:
+    """f on the mesh, `enclose_function`, or linear if it is given at the nodes (n,)."""
+    if isinstance(f, np.ndarray):
+        return linear_source(mesh, f)
+    return enclose_function(mesh, f, coarser, form.length_scale)
 
 
-def linear(mesh: Mesh, f: Array) -> Source:
+def linear_source(mesh: Mesh, f: Array) -> Source:
     """f with the values (n,) at the nodes, linear on every triangle: all of it is known."""
     return Source(mesh, f[mesh.triangles], *np.zeros((3, len(mesh.triangles))))
 
 
-def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: int) -> tuple[Source, Sums]:
-    """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
+def _enclose_by_quartering(
+    mesh: Mesh, f: SourceFunction, length_scale: float, sums: PieceSums, max_pieces: int
+) -> tuple[Source, PieceSums]:
+    """f on a part of a mesh, from pieces quartered until the sum of E^2 meets its target, and all sums."""
     n = len(mesh.triangles)
-    corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
+    corners = np.broadcast_to(np.eye(3), (n, 3, 3))
+    parent = np.arange(n)
+    piece_blocks = []
     while parent.size:
-        pieces, owner = polynomials(mesh, corners, parent, f)
-        left -= len(owner)
+        pieces, owner = enclose_pieces(mesh, corners, parent, f)
+        max_pieces -= len(owner)
         # E^2, where what may lack in the integral is spread over the piece's triangle
-        rest = pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent]
-        area, of_p = pieces.area, averages(pieces.c)
-        squares = np.bincount(owner, rest, len(parent)).astype(float)
-        total = sums + sums_of(of_p, area, rest)
-        enough = total.wanted(resolution(mesh, length))
-        wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
-        wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], f)
-        if 4 * np.count_nonzero(wide) > left:
-            wide &= np.argsort(np.argsort(-squares)) < left // 4
-        kept = ~wide[owner]
-        done.append(pieces.of(kept))
-        sums += sums_of(of_p[:, kept], area[kept], rest[kept])
-        corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
-    return _projected(mesh, done), sums
+        remainder_squares = pieces.remainder_squares + pieces.jump_integral**2 / mesh.areas[pieces.parent]
+        area = pieces.area
+        p_means = polynomial_means(pieces.c)
+        piece_squares = np.bincount(owner, remainder_squares, len(parent)).astype(float)
+        total = sums + sum_pieces(p_means, area, remainder_squares)
+        target = total.target(relative_mesh_size(mesh, length_scale))
+        # too wide: more than half of an equal share of the target, and more than rounding leaves
+        is_wide = piece_squares > (0.5 * target / total.count if total.remainder_squares > target else np.inf)
+        is_wide[is_wide] = piece_squares[is_wide] > MIN_QUARTERING_RATIO * attainable_squares(
+            mesh, corners[is_wide], parent[is_wide], f
+        )
+        # if the budget does not suffice for all, the widest ones are quartered
+        if 4 * np.count_nonzero(is_wide) > max_pieces:
+            is_wide &= np.argsort(np.argsort(-piece_squares)) < max_pieces // 4
+        is_done = ~is_wide[owner]
+        piece_blocks.append(pieces.select(is_done))
+        sums += sum_pieces(p_means[:, is_done], area[is_done], remainder_squares[is_done])
+        corners = quarter(corners[is_wide])
+        parent = np.repeat(parent[is_wide], 4)
+    return _project_pieces(mesh, piece_blocks), sums
 
 
-def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Source:
+def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     """f_h and what is left of f, from pieces that cover the mesh."""
     n = len(mesh.triangles)
-    moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
-    for pieces in done:
-        own = pieces.area[:, None] * (hat_means() @ pieces.c).T
-        np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
-        rest += np.bincount(pieces.parent, pieces.squares, n)
-        jumping += np.bincount(pieces.parent, pieces.jumping**2, n)
-        integral += np.bincount(pieces.parent, pieces.integral, n)
+    moments = np.zeros((n, 3))  # (p, psi_b) on T
+    oscillation_squares = np.zeros(n)
+    remainder_squares = np.zeros(n)
+    jump_squares = np.zeros(n)
+    jump_integrals = np.zeros(n)
+    for pieces in piece_blocks:
+        piece_moments = pieces.area[:, None] * (hat_means() @ pieces.c).T
+        np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", piece_moments, pieces.corners))
+        remainder_squares += np.bincount(pieces.parent, pieces.remainder_squares, n)
+        jump_squares += np.bincount(pieces.parent, pieces.jump_norm**2, n)
+        jump_integrals += np.bincount(pieces.parent, pieces.jump_integral, n)
+    # the L2 projection to linear functions, whose mass matrix is |T| (1 + delta_ij) / 12
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
-    for pieces in done:
-        a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
-        left = pieces.c.copy()
-        left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
-        squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
+    for pieces in piece_blocks:
+        at_first, at_second, at_third = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
+        # sigma as in `source_pieces`; coefficients in the order 1, sigma_2, sigma_1. At sigma = 0 f_h is the
+        # mean of the last two values; its slopes are half the third, and half the second, less the first
+        difference = pieces.c.copy()
+        difference[:3] -= 0.5 * np.stack([at_second + at_third, at_third - at_first, at_second - at_first])
+        square_means = polynomial_means(difference)[1]
+        oscillation_squares += np.bincount(pieces.parent, pieces.outer_area * square_means, n)
+    # what jumps leave has a mean of at most jump_integral / |T| on T, of the norm jump_integral / |T|^{1/2}:
+    # it goes to E_T, the rest has mean 0
     return Source(
         mesh,
         f_h,
-        oscillation=np.sqrt(squares),
-        jumps=np.sqrt(jumping),
-        rest=np.sqrt(rest) + integral / np.sqrt(mesh.areas),
+        oscillation=np.sqrt(oscillation_squares),
+        jumps=np.sqrt(jump_squares),
+        remainder=np.sqrt(remainder_squares) + jump_integrals / np.sqrt(mesh.areas),
     )

@@ -4,10 +4,10 @@ f is enclosed on the triangles of the first mesh. Where that leaves too much of 
 that came from them, down to the mesh itself.
 
 On a triangle f is near a polynomial p, |f - p| <= rad. This holds on all triangles of a mesh that lie in it.
-In p's variables (`source_pieces`) the corners of the smaller triangles are multiples of FINEST, for each
-halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving rounds them by
-half an EPS of their size. rad holds for coordinates that are rounded by up to ROUNDING of their size, so p is
-used on triangles that are up to MOST_HALVINGS halvings finer.
+In p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP,
+for each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving
+rounds them by half an EPS of their size. rad holds for coordinates that are rounded by up to VERTEX_ROUNDING
+of their size, so p is used on triangles that are up to MAX_ANCESTOR_HALVINGS halvings finer.
 """
 
 from __future__ import annotations
@@ -21,285 +21,329 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32, Mask, blocks
-from unilateral.bounds.source_pieces import ORDER, averages, on_triangles, rounded_size
-from unilateral.fem.quadrature import symmetric
-from unilateral.formulas.taylor import EPS, basis
+from unilateral.arrays import Array, Index, Int32, Mask, row_blocks
+from unilateral.bounds.source_pieces import (
+    SOURCE_DEGREE,
+    coordinate_scale,
+    enclose_triangles,
+    polynomial_means,
+)
+from unilateral.fem.quadrature import symmetric_rule
+from unilateral.formulas.taylor import EPS, monomial_basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import signed_areas
-from unilateral.geometry.refinement import Step
+from unilateral.geometry.refinement import RefinementStep
 from unilateral.problems.problem import SourceFunction
 
-MOST_HALVINGS = 6
-"""p is used on triangles that are at most this many halvings finer than its own; 8 would use up ROUNDING."""
-FINEST = 2.0**-MOST_HALVINGS
-COMPUTED = 192
-"""`values` may be off by this times EPS sum |c|, in f_h and in the root mean square of p - f_h together.
+MAX_ANCESTOR_HALVINGS = 6
+"""p is used on triangles up to this many halvings finer than its own; 8 would use up VERTEX_ROUNDING."""
+ANCESTOR_GRID_STEP = 2.0**-MAX_ANCESTOR_HALVINGS
+PROJECTION_ROUNDING = 192
+"""`project_polynomials` is off by at most this times EPS sum |c|, in f_h and the root mean square of p - f_h.
 
 Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations:
 p is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
 and as many terms as there are points, 16: f_h is off by 60. What is left of p is off by both, by its own two
 operations and by a mean of 16 terms: by 85, which, with f_h, makes 145.
 
-By `_matrices` a monomial is off by 10, and so is an entry of the first matrix by 2.5 (10 + 8) = 45; sums of
-15 products add 7.5 times 2.5: f_h is off by 64. An entry of the second one is off by 10, 45 and its own five
-operations on numbers up to 3.5, by 64; the products add 7.5 times 3.5, the mean 8: 98 and, with f_h, 162.
+By `_coefficient_matrices` a monomial is off by 10, and so is an entry of the first matrix by 2.5 (10 + 8) =
+45; sums of 15 products add 7.5 times 2.5: f_h is off by 64. An entry of the second one is off by 10, 45 and
+its own five operations on numbers up to 3.5, by 64; the products add 7.5 times 3.5, the mean 8: 98 and, with
+f_h, 162.
 """
-FEW = 1 << 11
+TRIANGLES_PER_BLOCK = 1 << 11
 """This many triangles are treated together: the numbers at their points fit into a processor's cache."""
-LONG = 128
+MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
-ENOUGH = 0.003
-"""The rest of f may be as large as this times `resolution` times ||p - mean p||.
+TARGET_REMAINDER_RATIO = 0.003
+"""E may be as large as this times `relative_mesh_size` times ||p - mean p||.
 
 It falls with h, like discretisation errors.
 """
-ABOVE = 0.1
-"""On coarser triangles only this fraction of ENOUGH is allowed, for there it costs next to nothing."""
-FLOOR = 1e-13
-"""The rest of f may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
+COARSE_TARGET_SHARE = 0.1
+"""On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
+MIN_TARGET_RATIO = 1e-13
+"""E may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
 
 
 class Polynomials(NamedTuple):
-    """p on triangles by its c (m, k), and rad (k,); `frame` (6, k) is the map from places to p's variables.
+    """p on triangles by its c (m, k), and its `remainder` (k,).
 
-    Take a place less the last two rows. Its products with the first two rows and with the next two are, but
-    for rounding, the two variables, in units of FINEST.
+    `frame` (6, k) is the map from places to p's variables. Take a place less the last two
+    rows. Its products with the first two rows and with the next two are, but for rounding, the two variables,
+    in units of ANCESTOR_GRID_STEP.
     """
 
     c: Array
-    rad: Array
+    remainder: Array
     frame: Array
 
-    def of(self, chosen: Index) -> Polynomials:
+    def select(self, numbers: Index) -> Polynomials:
         """The polynomials that are chosen (k,)."""
-        return Polynomials(*(each[..., chosen] for each in self))
+        return Polynomials(*(values[..., numbers] for values in self))
 
 
-def none() -> Polynomials:
-    return Polynomials(np.empty((len(basis(2, ORDER).degree), 0)), np.empty(0), np.empty((6, 0)))
+def no_polynomials() -> Polynomials:
+    """Polynomials on no triangle at all."""
+    return Polynomials(
+        np.empty((len(monomial_basis(2, SOURCE_DEGREE).degrees), 0)), np.empty(0), np.empty((6, 0))
+    )
 
 
-def joined(several: Sequence[Polynomials]) -> Polynomials:
-    return Polynomials(*(np.concatenate(each, axis=-1) for each in zip(*several, strict=True)))
+def concatenate_polynomials(sets: Sequence[Polynomials]) -> Polynomials:
+    """The polynomials of several sets, one set after another."""
+    return Polynomials(*(np.concatenate(fields, axis=-1) for fields in zip(*sets, strict=True)))
 
 
-def whole(corners: Array, size: float, f: SourceFunction) -> Polynomials:
-    """f on triangles with those corners (k, 3, 2), of a mesh of that `rounded_size`."""
-    known = []
-    for of in blocks(len(corners)):
-        c, rad, ordered = on_triangles(corners[of], size, f)
+def enclose_ancestors(corners: Array, scale: float, f: SourceFunction) -> Polynomials:
+    """f on triangles with those corners (k, 3, 2), of a mesh of that `coordinate_scale`."""
+    sets = []
+    for block in row_blocks(len(corners)):
+        c, rad, ordered = enclose_triangles(corners[block], scale, f)
         frame = _frame(*ordered.transpose(1, 2, 0))
-        known.append(Polynomials(c, rad + COMPUTED * EPS * np.abs(c).sum(axis=0), frame))
-    return joined(known)
+        sets.append(Polynomials(c, rad + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
+    return concatenate_polynomials(sets)
 
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
-    """(6, k) the `frame` of triangles with those corners (2, k), in units of FINEST."""
-    e, f = 0.5 * (u - a), 0.5 * (v - a)
-    scale = 1 / (FINEST * (e[0] * f[1] - e[1] * f[0]))
+    """The maps (6, k) from places to p's variables on triangles with these corners, in grid steps."""
+    # x = (u + v) / 2 + sigma_1 e + sigma_2 f, solved for sigma by Cramer's rule
+    e = 0.5 * (u - a)
+    f = 0.5 * (v - a)
+    scale = 1 / (ANCESTOR_GRID_STEP * (e[0] * f[1] - e[1] * f[0]))
     return np.stack([f[1] * scale, -f[0] * scale, -e[1] * scale, e[0] * scale, *(0.5 * (u + v))])
 
 
-def values(corners: Array, known: Polynomials, of: Int32) -> tuple[Array, Array]:
-    """(3, k) the L2 projection f_h of p at the corners (2, 3, k), (k,) the mean of (p - f_h)^2.
+def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32) -> tuple[Array, Array]:
+    """The L2 projection f_h of p at the corners of each triangle, and the mean of (p - f_h)^2 there.
 
-    `of` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row lie
-    alike in those around them.
+    `numbers` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row
+    lie alike in those around them.
     """
-    places, c = np.concatenate(inside(corners, known.frame[:, of])), known.c[:, of]
+    places = np.concatenate(corner_variables(corners, polynomials.frame[:, numbers]))
+    c = polynomials.c[:, numbers]
     change = np.flatnonzero((places[:, 1:] != places[:, :-1]).any(axis=0)) + 1
-    if LONG * (len(change) + 1) > len(of):
-        return _one_by_one(places, c)
-    starts, (f_h, squares) = [0, *change.tolist()], (np.empty((3, len(of))), np.empty(len(of)))
-    runs = itertools.starmap(slice, itertools.pairwise([*starts, len(of)]))
-    for run, to_f_h, to_rest in zip(runs, *_matrices(places[:, starts]), strict=True):
-        f_h[:, run], squares[run] = to_f_h @ c[:, run], np.sum((to_rest @ c[:, run]) ** 2, axis=0)
+    if MIN_RUN_LENGTH * (len(change) + 1) > len(numbers):
+        return _project_each(places, c)
+    starts = [0, *change.tolist()]
+    f_h = np.empty((3, len(numbers)))
+    squares = np.empty(len(numbers))
+    runs = itertools.starmap(slice, itertools.pairwise([*starts, len(numbers)]))
+    for run, to_f_h, to_rest in zip(runs, *_coefficient_matrices(places[:, starts]), strict=True):
+        f_h[:, run] = to_f_h @ c[:, run]
+        squares[run] = np.sum((to_rest @ c[:, run]) ** 2, axis=0)
     return f_h, squares
 
 
-def _one_by_one(places: Array, c: Array) -> tuple[Array, Array]:
-    """`values` of the polynomials c (m, k) on triangles with those places (6, k) of their corners."""
-    hats, weights = symmetric(2 * ORDER)
-    p = _horner(c, hats @ places[:3], hats @ places[3:])
-    f_h = _to_corners() @ p
+def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
+    """The projections of polynomials on triangles, evaluated at points of each."""
+    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
+    p = _evaluate_polynomials(c, hats @ variables[:3], hats @ variables[3:])
+    f_h = _corner_projection_matrix() @ p
     p -= hats @ f_h
     return f_h, weights @ p**2
 
 
-def _matrices(places: Array) -> tuple[Array, Array]:
-    """(r, 3, m), (r, q, m) matrices for places (6, r) that take c to f_h and to numbers for the rest.
+def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
+    """Matrices from p's coefficients to f_h (r, 3, m), and to numbers (r, q, m), for each of r triangles.
 
     The squares of these numbers add up to the mean of (p - f_h)^2.
     """
-    hats, weights = symmetric(2 * ORDER)
-    x, y = (hats @ each for each in (places[:3], places[3:]))
-    powers = [(x**i, y**i) for i in range(ORDER + 1)]
-    monomials = np.stack([powers[i][0] * powers[j][1] for i, j in basis(2, ORDER).exponents]).T
-    to_f_h = _to_corners() @ monomials
+    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
+    x = hats @ variables[:3]
+    y = hats @ variables[3:]
+    powers = [(x**i, y**i) for i in range(SOURCE_DEGREE + 1)]
+    monomials = np.stack(
+        [powers[i][0] * powers[j][1] for i, j in monomial_basis(2, SOURCE_DEGREE).exponents]
+    ).T
+    to_f_h = _corner_projection_matrix() @ monomials
     return to_f_h, np.sqrt(weights)[:, None] * (monomials - hats @ to_f_h)
 
 
-def inside(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """(3, k), (3, k) the exact variables of p at the corners (2, 3, k), for that `frame` (6, k)."""
+def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
+    """The exact variables of p at the corners of triangles, (3, k) each."""
     xx, xy, yx, yy, *middle = frame
-    x, y = corners[0] - middle[0], corners[1] - middle[1]
-    return FINEST * np.rint(xx * x + xy * y), FINEST * np.rint(yx * x + yy * y)
+    x = corners[0] - middle[0]
+    y = corners[1] - middle[1]
+    return ANCESTOR_GRID_STEP * np.rint(xx * x + xy * y), ANCESTOR_GRID_STEP * np.rint(yx * x + yy * y)
 
 
-def _horner(c: Array, x: Array, y: Array) -> Array:
-    """(q, k) the polynomials c (m, k) at x, y (q, k)."""
-    number = {(i, j): k for k, (i, j) in enumerate(basis(2, ORDER).exponents.tolist())}
+def _evaluate_polynomials(c: Array, x: Array, y: Array) -> Array:
+    """The values of polynomials at points, by Horner's scheme, (q, k)."""
+    number = {(i, j): k for k, (i, j) in enumerate(monomial_basis(2, SOURCE_DEGREE).exponents.tolist())}
     p = np.zeros_like(x)
-    for j in range(ORDER, -1, -1):
-        of_x = np.zeros_like(x)
-        for i in range(ORDER - j, -1, -1):
-            of_x *= x
-            of_x += c[number[i, j]]
+    for j in range(SOURCE_DEGREE, -1, -1):
+        x_polynomial = np.zeros_like(x)
+        for i in range(SOURCE_DEGREE - j, -1, -1):
+            x_polynomial *= x
+            x_polynomial += c[number[i, j]]
         p *= y
-        p += of_x
+        p += x_polynomial
     return p
 
 
 @cache
-def _to_corners() -> Array:
-    """(3, q) the matrix from values at the points of the rule to f_h at the corners."""
-    hats, weights = symmetric(2 * ORDER)
+def _corner_projection_matrix() -> Array:
+    """The matrix from values at the points of the rule to the L2 projection f_h at the corners, (3, q)."""
+    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
+    # the inverse of the mass matrix (1 + delta_ij) / 12 takes moments M_i to 12 M_i - 3 sum M_j
     return np.asarray((weights[:, None] * (12 * hats - 3)).T)
 
 
-class Seen(NamedTuple):
-    """Polynomials; triangle t has the one with the number of[t], found halvings[t] halvings above it.
+class Ancestors(NamedTuple):
+    """Polynomials; triangle t has the one with the number numbers[t], found halvings[t] halvings above it.
 
-    `of` and `halvings` are (m,).
+    `numbers` and `halvings` are (m,).
     """
 
-    known: Polynomials
-    of: Int32
+    polynomials: Polynomials
+    numbers: Int32
     halvings: Int32
 
 
 @dataclass(frozen=True)
-class Sums:
+class PieceSums:
     """Sums over pieces: of E^2 (E as in `source`), ||p||^2, the integral of p and the area; their number."""
 
-    unknown: float = 0.0
-    square: float = 0.0
-    integral: float = 0.0
+    remainder_squares: float = 0.0
+    p_squares: float = 0.0
+    p_integral: float = 0.0
     area: float = 0.0
     count: int = 0
 
-    def __add__(self, other: Sums) -> Sums:
-        return Sums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+    def __add__(self, sums: PieceSums) -> PieceSums:
+        return PieceSums(*(a + b for a, b in zip(astuple(self), astuple(sums), strict=True)))
 
-    def wanted(self, resolution: float, share: float = 1.0) -> float:
-        """The largest sum of E^2 that is wanted on a mesh of that `resolution`; a `share` multiplies E.
+    def target(self, relative_size: float, share: float = 1.0) -> float:
+        """The largest sum of E^2 that is wanted on a mesh of that `relative_size`; a `share` multiplies E.
 
         The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
-        unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
-        spread = math.sqrt(max(self.square - self.integral * (self.integral / self.area), 0.0)) - unknown
-        return max(share * ENOUGH * resolution * spread, FLOOR * (norm - unknown), 0.0) ** 2
+        E = math.sqrt(self.remainder_squares)
+        norm = math.sqrt(self.p_squares)
+        spread = math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - E
+        wanted_E = share * TARGET_REMAINDER_RATIO * relative_size * spread
+        return max(wanted_E, MIN_TARGET_RATIO * (norm - E), 0.0) ** 2
 
 
-def resolution(mesh: Mesh, length: float) -> float:
-    """h over a length, at most 1, for the h that a mesh has if its triangles are alike, halves of squares.
+def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
+    """h / `length_scale`, at most 1: how much less a part of f with mean 0 counts than one of any mean.
 
-    In a bound E counts by ||z||_0 and a rest with mean 0 by h |z|_1. ||z||_0 is at most `Form.length` times
-    ||z|| where |z|_1 is at most ||z||.
+    Paired with a z of the energy norm 1, k = 1, a part r with mean 0 gives at most h |z|_1 ||r||, another one
+    at most length_scale ||r||, `Form.length_scale`. h is the leg of a right isosceles triangle of the mean
+    area.
     """
-    return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length, 1.0)
+    return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length_scale, 1.0)
 
 
-def sums_of(of_p: Array, area: Array, squares: Array) -> Sums:
-    """The sums over pieces, from the `averages` (2, k) of p, the areas (k,) and E^2 (k,)."""
-    integral, square = (of_p @ area).tolist()
-    return Sums(float(squares.sum()), square, integral, float(area.sum()), len(area))
+def sum_pieces(p_means: Array, area: Array, remainder_squares: Array) -> PieceSums:
+    """The sums over pieces, from the `polynomial_means` (2, k) of p, the areas (k,) and E^2 (k,)."""
+    integral, square = (p_means @ area).tolist()
+    return PieceSums(float(remainder_squares.sum()), square, integral, float(area.sum()), len(area))
 
 
 class AncestorSearch:
-    """The search for p, from the triangles of the first mesh, or of that `before`, to those made from them.
+    """The search for p, from the triangles of the first mesh, or of one before, to those made from them.
 
-    On the mesh in hand each triangle has the polynomial with the number in `of` (m,), found `halvings` (m,)
-    halvings above it. `left` (m,) marks the triangles whose polynomial is not near enough, `new` (m,) those
-    whose polynomial is new. `sums` are over the triangles where p is near enough or, if `whole`, over all of
-    the mesh before.
+    On the mesh in hand each triangle has the polynomial with the number in `numbers` (m,), found `halvings`
+    (m,) halvings above it. `is_coarse` (m,) marks the triangles whose polynomial is not near enough, `is_new`
+    (m,) those whose polynomial is new. `sums` are over the triangles where p is near enough or, if
+    `sums_cover_mesh`, over all of the mesh before.
     """
 
     def __init__(
         self,
         mesh: Mesh,
         f: SourceFunction,
-        resolution: float,
-        first: Mesh,
-        before: Seen | None,
-        sums: Sums,
+        relative_size: float,
+        first_mesh: Mesh,
+        ancestors: Ancestors | None,
+        sums: PieceSums,
     ) -> None:
-        """Search from the `first` mesh on, with what was seen there `before`, if anything, and its sums."""
-        self.mesh, self.f, self.resolution = mesh, f, resolution
-        self.known, self.sums, self.whole = none(), sums, before is not None
-        steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
-        self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
-        self.left, self.new = np.ones((2, n), dtype=bool)
-        if before:
-            self.known, self.of, self.halvings = before.known, before.of.copy(), before.halvings.copy()
-            self.new, self.left = ~self.left, self._wide_above(before.known.rad[before.of])
-            asked = self.left & (self.halvings > 0) & _cut(steps, n)
+        """Search from the `first_mesh` on, with the `ancestors` that were found there, if any, and sums."""
+        self.mesh = mesh
+        self.f = f
+        self.relative_size = relative_size
+        self.polynomials = no_polynomials()
+        self.sums = sums
+        self.sums_cover_mesh = ancestors is not None
+        steps = mesh.steps[len(first_mesh.steps) :]
+        n = len(first_mesh.triangles)
+        self.numbers, self.halvings = np.zeros((2, n), dtype=np.int32)
+        self.is_coarse, self.is_new = np.ones((2, n), dtype=bool)
+        if ancestors:
+            self.polynomials = ancestors.polynomials
+            self.numbers = ancestors.numbers.copy()
+            self.halvings = ancestors.halvings.copy()
+            self.is_new = ~self.is_coarse
+            self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
+            is_searched = self.is_coarse & (self.halvings > 0) & _find_split_triangles(steps, n)
         else:
-            asked = self.left
-        self._ask(first.triangles[asked], np.flatnonzero(asked))
+            is_searched = self.is_coarse
+        self._enclose(first_mesh.triangles[is_searched], np.flatnonzero(is_searched))
+        # a triangle that was cut is searched if its ancestor is too coarse, or too many halvings above it
         for step in steps:
-            again = self.left[step.parent] | (self.halvings[step.parent] == MOST_HALVINGS)
-            self.of, self.halvings = step.inherited(self.of), step.inherited(self.halvings)
-            self.left, self.new = step.inherited(self.left), step.inherited(self.new)
+            again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
+            self.numbers = step.inherit(self.numbers)
+            self.halvings = step.inherit(self.halvings)
+            self.is_coarse = step.inherit(self.is_coarse)
+            self.is_new = step.inherit(self.is_new)
             self.halvings[step.triangles] += 1
-            self.new[step.triangles] = True
-            self._ask(step.nodes[again], step.triangles[again])
+            self.is_new[step.triangles] = True
+            self._enclose(step.nodes[again], step.triangles[again])
 
     @property
-    def seen(self) -> Seen:
-        return Seen(self.known, self.of, self.halvings)
+    def ancestors(self) -> Ancestors:
+        """The polynomials that were found, and on which triangles of the mesh each holds."""
+        return Ancestors(self.polynomials, self.numbers, self.halvings)
 
-    def _ask(self, nodes: Index, at: Index) -> None:
-        """Enclose f on the triangles with those nodes (k, 3) and the numbers `at` (k,)."""
-        if not at.size:
+    def _enclose(self, nodes: Index, triangles: Index) -> None:
+        """Enclose f on the triangles with those nodes (k, 3) and the numbers `triangles` (k,)."""
+        if not triangles.size:
             return
-        asked = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.f)
-        self.of[at] = len(self.known.rad) + np.arange(len(at))
-        self.known, self.halvings[at], self.new[at] = joined([self.known, asked]), 0, True
+        enclosed = enclose_ancestors(self.mesh.points[nodes], coordinate_scale(self.mesh), self.f)
+        self.numbers[triangles] = len(self.polynomials.remainder) + np.arange(len(triangles))
+        self.polynomials = concatenate_polynomials([self.polynomials, enclosed])
+        self.halvings[triangles] = 0
+        self.is_new[triangles] = True
         area = signed_areas(self.mesh.points, nodes)
-        self.left[at] = self._wide_above(asked.rad, self._with(asked, area))
-        fine = np.flatnonzero(~self.left[at])
-        self.sums = self._with(asked.of(fine), area[fine])
+        self.is_coarse[triangles] = self._exceeds_coarse_target(
+            enclosed.remainder, self._extend_sums(enclosed, area)
+        )
+        fine = np.flatnonzero(~self.is_coarse[triangles])
+        self.sums = self._extend_sums(enclosed.select(fine), area[fine])
 
-    def _with(self, known: Polynomials, area: Array) -> Sums:
+    def _extend_sums(self, polynomials: Polynomials, area: Array) -> PieceSums:
         """The sums with those over triangles of these areas (k,) added, unless they contain these already."""
-        if self.whole:
+        if self.sums_cover_mesh:
             return self.sums
-        return self.sums + sums_of(averages(known.c), area, area * known.rad**2)
+        return self.sums + sum_pieces(polynomial_means(polynomials.c), area, area * polynomials.remainder**2)
 
-    def _wide_above(self, rad: Array, sums: Sums | None = None) -> Mask:
-        """(k,) where rad (k,) would be too large if all triangles of the mesh had it."""
-        wanted = (sums or self.sums).wanted(self.resolution, ABOVE)
-        return np.asarray(rad**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
+    def _exceeds_coarse_target(self, remainder: Array, sums: PieceSums | None = None) -> Mask:
+        """Where a remainder would be too large if all triangles of the mesh had it, (k,)."""
+        target = (sums or self.sums).target(self.relative_size, COARSE_TARGET_SHARE)
+        return np.asarray(remainder**2 * float(self.mesh.areas.sum()) > 0.5 * target)
 
-    def wide(self) -> Mask:
-        """(m,) where rad is too large on the mesh.
+    def find_coarse_triangles(self) -> Mask:
+        """The triangles of the mesh on which the remainder is too large for the target, (m,).
 
         Half of what is wanted is shared out among the triangles by area, the other half equally.
         """
-        area, n = self.mesh.areas, len(self.mesh.triangles)
-        rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
-        wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.resolution)
+        area = self.mesh.areas
+        n = len(self.mesh.triangles)
+        rad = self.polynomials.remainder[self.numbers]
+        candidates = np.flatnonzero(self.is_coarse & self.is_new)
+        polynomials = self.polynomials.select(self.numbers[candidates])
+        target = self._extend_sums(polynomials, area[candidates]).target(self.relative_size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
-        wide = self.left & (area * rad**2 > 0.5 * wanted * share)
-        fine = left[~wide[left]]
-        self.sums = self._with(self.known.of(self.of[fine]), area[fine])
-        return np.asarray(wide)
+        is_coarse = self.is_coarse & (area * rad**2 > 0.5 * target * share)
+        fine = candidates[~is_coarse[candidates]]
+        self.sums = self._extend_sums(self.polynomials.select(self.numbers[fine]), area[fine])
+        return np.asarray(is_coarse)
 
 
-def _cut(steps: Sequence[Step], n: int) -> Mask:
-    """(n,) which of the first n triangles are cut."""
+def _find_split_triangles(steps: Sequence[RefinementStep], n: int) -> Mask:
+    """Which of the first n triangles the steps of refinement cut, (n,)."""
     cut = np.zeros(n, dtype=bool)
     for step in steps:
         cut[step.parent[step.parent < n]] = True

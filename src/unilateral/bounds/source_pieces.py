@@ -1,7 +1,7 @@
 """Triangles and pieces of them on which f is a polynomial p, up to a bounded remainder and what jumps leave.
 
-p has the degree ORDER. Its two variables sigma are (1, -1) and (-1, 1) at the ends of the longest edge, which
-is opposite to a piece's first corner, and (-1, -1) at that corner.
+p has the degree SOURCE_DEGREE. Its two variables sigma are (1, -1) and (-1, 1) at the ends of the longest
+edge, which is opposite to a piece's first corner, and (-1, -1) at that corner.
 
 Pieces are cut along the lines and circles at which steps pos(a, 0) jump, a circle along chords. Between a
 chord and its arc a step does not have the value that it has in the rest of the piece; the area in between is
@@ -16,189 +16,249 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.fem.quadrature import collapsed
-from unilateral.formulas.expression import Atom
-from unilateral.formulas.taylor import EPS, Model, affine, basis
-from unilateral.formulas.taylor_enclosures import Steps
+from unilateral.arrays import Array, Index, Mask, row_blocks
+from unilateral.fem.quadrature import duffy_rule
+from unilateral.formulas.expression import Primitive
+from unilateral.formulas.taylor import EPS, TaylorModel, affine_model, monomial_basis
+from unilateral.formulas.taylor_enclosures import StepValues
 from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
 from unilateral.problems.problem import SourceFunction
 
-ORDER = 4
-ROUNDING = 4 * EPS
+SOURCE_DEGREE = 4
+VERTEX_ROUNDING = 4 * EPS
 """The rounding of the vertices of pieces, as a fraction of the size of coordinates."""
-GAPS = 8.0
+MAX_GAP_WIDTH = 8.0
 """Gaps between pieces are at most as wide as this times EPS times the size of coordinates."""
-TINY = 1e-300
+MIN_AREA_SHARE = 1e-300
 """A part of a triangle is left out if its share of the area is at most this: times an area it underflows."""
-SMALL = 1 / 8
+MAX_DIAMETER_PER_RADIUS = 1 / 8
 """A piece is cut along a chord of a circle if its diameter is at most this times the radius."""
-Jumps = Mapping[Atom, Kink]
+Jumps = Mapping[Primitive, Kink]
 
 
 class TrianglePieces(NamedTuple):
     """Triangles with barycentric corners (k, 3, 3) in the triangles `parent` (k,), and p's c (m, k) on them.
 
-    f - p is the sum of a function with ||.||^2 <= `squares` (k,) and another one with ||.|| <= `jumping`
-    (k,), whose integral is at most `integral` (k,). `outer` (k,) is a piece's area plus what may lie between
-    it and its neighbours, whose corners are rounded differently.
+    f - p is the sum of a function with ||.||^2 <= `remainder_squares` (k,) and another one with ||.|| <=
+    `jump_norm` (k,), whose integral is at most `jump_integral` (k,). `outer_area` (k,) is a piece's area plus
+    what may lie between it and its neighbours, whose corners are rounded differently.
     """
 
     c: Array
     corners: Array
     parent: Index
     area: Array
-    outer: Array
-    squares: Array
-    jumping: Array
-    integral: Array
+    outer_area: Array
+    remainder_squares: Array
+    jump_norm: Array
+    jump_integral: Array
 
-    def of(self, kept: Mask) -> TrianglePieces:
-        others = {name: getattr(self, name)[kept] for name in self._fields if name != "c"}
-        return self._replace(c=self.c[:, kept], **others)
-
-
-def rounded_size(mesh: Mesh) -> float:
-    """ROUNDING times this is at least the rounding of coordinates and the nodes' `shift` together."""
-    return float(np.abs(mesh.polygon.vertices).max() + mesh.shift.max() / ROUNDING)
+    def select(self, selection: Mask) -> TrianglePieces:
+        """Some of the pieces."""
+        fields = {name: getattr(self, name)[selection] for name in self._fields if name != "c"}
+        return self._replace(c=self.c[:, selection], **fields)
 
 
-def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
-    return shares(corners) * mesh.areas[parent]
+def coordinate_scale(mesh: Mesh) -> float:
+    """VERTEX_ROUNDING times this is at least the rounding of coordinates and the nodes' shifts together."""
+    return float(np.abs(mesh.polygon.vertices).max() + mesh.node_shifts.max() / VERTEX_ROUNDING)
 
 
-def known_at_points(mesh: Mesh, corners: Array, parent: Index, source: SourceFunction) -> Array:
-    """(k,) what E^2 would be if f were known on all of a piece as well as in its middle.
+def piece_areas(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    """The area of each piece, from its corners in its triangle."""
+    return area_shares(corners) * mesh.areas[parent]
+
+
+def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction) -> Array:
+    """The E^2 that each piece would have if f were known on all of it as well as in its middle, (k,).
 
     Smaller pieces would be in vain.
     """
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known, size = [], rounded_size(mesh)
-    for block in blocks(len(parent)):
+    remainders = []
+    size = coordinate_scale(mesh)
+    for block in row_blocks(len(parent)):
         vertices = np.repeat(middle[block], 3, axis=1)
-        known.append(_known(_model(vertices, size, source, sides(vertices, source.jumps, size)[0])))
-    return areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
+        remainders.append(
+            _remainder_bound(
+                _taylor_model(
+                    vertices, size, source_function, step_values(vertices, source_function.jumps, size)[0]
+                )
+            )
+        )
+    return piece_areas(mesh, corners, parent) * np.concatenate([np.zeros(0), *remainders]) ** 2
 
 
-def polynomials(
-    mesh: Mesh, corners: Array, parent: Index, source: SourceFunction
+def enclose_pieces(
+    mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
 ) -> tuple[TrianglePieces, Index]:
     """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
-    pieces, owners = [], []
-    for block in blocks(len(parent)):
-        parts, owner = cut(mesh, corners[block], parent[block], source.jumps)
-        pieces.append(on_block(mesh, parts, parent[block][owner], source))
+    pieces = []
+    owners = []
+    for block in row_blocks(len(parent)):
+        split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], source_function.jumps)
+        pieces.append(enclose_block(mesh, split_corners, parent[block][owner], source_function))
         owners.append(owner + block.start)
-    c, *others = zip(*pieces, strict=True)
-    joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, others))
+    # c has the pieces on its last axis, the other fields on the first
+    c, *fields = zip(*pieces, strict=True)
+    joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, fields))
     return joined, np.concatenate(owners)
 
 
-def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
-    """(k,) areas plus what may lie between pieces, for coordinates of that size."""
-    return area + GAPS * EPS * size * perimeter
+def widen_areas(area: Array, perimeter: Array, scale: float) -> Array:
+    """The areas of pieces plus what may lie between them, (k,)."""
+    return area + MAX_GAP_WIDTH * EPS * scale * perimeter
 
 
-def on_triangles(vertices: Array, size: float, source: SourceFunction) -> tuple[Array, Array, Array]:
+def enclose_triangles(
+    vertices: Array, scale: float, source_function: SourceFunction
+) -> tuple[Array, Array, Array]:
     """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in the order for sigma.
 
     A step has both its values on a triangle that its curve may cross.
     """
-    order, _ = _ordered(vertices)
+    order, _ = _order_corners(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
-    steps, wrong = sides(vertices, source.jumps, size)
-    both = {step: np.where(np.isnan(wrong[step]), value, np.nan) for step, value in steps.items()}
-    f = _model(vertices, size, source, both)
-    return f.c, _known(f), vertices
+    steps, wrong_areas = step_values(vertices, source_function.jumps, scale)
+    certain_steps = {
+        step: np.where(np.isnan(wrong_areas[step]), value, np.nan) for step, value in steps.items()
+    }
+    f = _taylor_model(vertices, scale, source_function, certain_steps)
+    return f.c, _remainder_bound(f), vertices
 
 
-def on_block(mesh: Mesh, corners: Array, parent: Index, source: SourceFunction) -> TrianglePieces:
+def enclose_block(
+    mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
+) -> TrianglePieces:
+    """p on a block of pieces, and bounds on f - p, jumps included."""
     vertices = corners @ mesh.points[mesh.triangles[parent]]
-    order, perimeter = _ordered(vertices)
-    corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
-    size = rounded_size(mesh)
-    steps, wrong = sides(vertices, source.jumps, size)
-    f, area = _model(vertices, size, source, steps), areas_of(mesh, corners, parent)
-    outer = with_gaps(area, perimeter, size)
-    squares, nothing = outer * _known(f) ** 2, np.zeros((2, len(parent)))
-    pieces = TrianglePieces(f.c, corners, parent, area, outer, squares, *nothing)
-    near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
-    for step, at in near.items():
-        here = {each: value[at] for each, value in steps.items()}
-        by = _model(vertices[at], size, source, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
-        _jump(pieces, at, by, wrong[step][at], rounding(vertices[at], source.jumps[step], size))
-    several = np.sum([*near.values()], axis=0) > 1
-    if several.any():
-        _jumps(pieces, several, vertices[several], size, source, steps, wrong)
+    order, perimeter = _order_corners(vertices)
+    corners = np.take_along_axis(corners, order[..., None], axis=1)
+    vertices = np.take_along_axis(vertices, order[..., None], axis=1)
+    size = coordinate_scale(mesh)
+    steps, wrong_areas = step_values(vertices, source_function.jumps, size)
+    f = _taylor_model(vertices, size, source_function, steps)
+    area = piece_areas(mesh, corners, parent)
+    outer = widen_areas(area, perimeter, size)
+    pieces = TrianglePieces(
+        c=f.c,
+        corners=corners,
+        parent=parent,
+        area=area,
+        outer_area=outer,
+        remainder_squares=outer * _remainder_bound(f) ** 2,
+        jump_norm=np.zeros(len(parent)),
+        jump_integral=np.zeros(len(parent)),
+    )
+    # between a chord and its arc f has the other value of the step, and is larger by the jump
+    near = {step: ~np.isnan(wrong_area) for step, wrong_area in wrong_areas.items()}
+    for step, is_near in near.items():
+        near_steps = {other_step: value[is_near] for other_step, value in steps.items()}
+        other_steps = near_steps | {step: 1 - near_steps[step]}
+        f_beyond = _taylor_model(vertices[is_near], size, source_function, other_steps)
+        _add_jump(
+            pieces,
+            is_near,
+            jump=f_beyond + f.select_boxes(is_near).scale(-1.0),
+            wrong_area=wrong_areas[step][is_near],
+            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], size),
+        )
+    is_crossed = np.sum([*near.values()], axis=0) > 1
+    if is_crossed.any():
+        _add_crossing_jumps(
+            pieces, is_crossed, vertices[is_crossed], size, source_function, steps, wrong_areas
+        )
     return pieces
 
 
-def _jump(pieces: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Array) -> None:
-    """Account for parts of the pieces `at` where f is larger `by` so much; their areas are `wrong` (k,).
+def _add_jump(
+    pieces: TrianglePieces, selection: Mask, jump: TaylorModel, wrong_area: Array, area_error: Array
+) -> None:
+    """Account for the parts of some pieces on which f is larger by a jump, in place.
 
-    The areas are known up to `doubt` (k,). p is changed by a constant so that its integral is that of f.
+    The areas are known up to `area_error` (k,). p is changed by a constant so that its integral is that of f.
     """
     # where f has no range on all of a piece, as 1/a where a may be 0, nothing is known of it there
-    known = np.isfinite(by.range[0]) & np.isfinite(by.range[1])
-    lower, upper = np.where(known, by.range, 0.0)
-    middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
-    area = pieces.area[at]
-    shift = middle * wrong / area
-    pieces.c[0, at] += shift
-    jumping = most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
-    integral = 0.5 * (upper - lower) * wrong + most * doubt
-    pieces.jumping[at] += np.where(known, jumping, np.inf)
-    pieces.integral[at] += np.where(known, integral, np.inf)
+    is_bounded = np.isfinite(jump.range[0]) & np.isfinite(jump.range[1])
+    lower, upper = np.where(is_bounded, jump.range, 0.0)
+    jump_mean = 0.5 * (lower + upper)
+    largest = np.maximum(np.abs(lower), np.abs(upper))
+    area = pieces.area[selection]
+    # p + shift has the integral of f, if the jump is its middle value and the area is right
+    shift = jump_mean * wrong_area / area
+    pieces.c[0, selection] += shift
+    jump_norm = largest * np.sqrt(wrong_area + area_error) + np.abs(shift) * np.sqrt(area)
+    integral = 0.5 * (upper - lower) * wrong_area + largest * area_error
+    pieces.jump_norm[selection] += np.where(is_bounded, jump_norm, np.inf)
+    pieces.jump_integral[selection] += np.where(is_bounded, integral, np.inf)
 
 
-def _jumps(
+def _add_crossing_jumps(
     pieces: TrianglePieces,
-    at: Mask,
+    selection: Mask,
     vertices: Array,
-    size: float,
-    source: SourceFunction,
-    steps: Steps,
-    wrong: Steps,
+    scale: float,
+    source_function: SourceFunction,
+    steps: StepValues,
+    wrong_areas: StepValues,
 ) -> None:
     """Account for places where several steps are wrong at once.
 
     f is off there by no more than all its values on the piece differ.
     """
-    both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
-    lower, upper = _model(vertices, size, source, both).range
-    doubts = [rounding(vertices, kink, size) for kink in source.jumps.values()]
-    areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
+    certain_steps = {
+        step: np.where(np.isnan(wrong_areas[step][selection]), value[selection], np.nan)
+        for step, value in steps.items()
+    }
+    lower, upper = _taylor_model(vertices, scale, source_function, certain_steps).range
+    area_errors = [step_area_rounding(vertices, kink, scale) for kink in source_function.jumps.values()]
+    areas = [
+        np.nan_to_num(wrong_areas[step][selection]) + area_error
+        for step, area_error in zip(wrong_areas, area_errors, strict=True)
+    ]
+    # two steps are wrong at once on at most the second largest area, for each of the steps
     second = np.sort(areas, axis=0)[-2]
-    most = (1 + len(areas)) * (upper - lower)
-    pieces.jumping[at] += most * np.sqrt(len(areas) * second)
-    pieces.integral[at] += most * len(areas) * second
+    largest = (1 + len(areas)) * (upper - lower)
+    pieces.jump_norm[selection] += largest * np.sqrt(len(areas) * second)
+    pieces.jump_integral[selection] += largest * len(areas) * second
 
 
-def _ordered(vertices: Array) -> tuple[Index, Array]:
-    """(k, 3) the corners, the one opposite to the longest edge first, and the perimeters (k,)."""
+def _order_corners(vertices: Array) -> tuple[Index, Array]:
+    """The order (k, 3) of corners in which that opposite to the longest edge is first, and the perimeters."""
     lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
     return (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3, lengths.sum(axis=1)
 
 
-def _model(vertices: Array, size: float, source: SourceFunction, steps: Steps) -> Model:
-    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `size`."""
-    places, off = [], ROUNDING * size
+def _taylor_model(
+    vertices: Array, scale: float, source_function: SourceFunction, steps: StepValues
+) -> TaylorModel:
+    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`."""
+    places = []
+    rounding = VERTEX_ROUNDING * scale
     for values in np.moveaxis(vertices, 2, 0):
         a, b, c = values.T
-        ends = values.min(axis=1) - off, values.max(axis=1) + off
-        places.append(affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, off))
+        ends = values.min(axis=1) - rounding, values.max(axis=1) + rounding
+        places.append(
+            affine_model(
+                monomial_basis(2, SOURCE_DEGREE),
+                0.5 * (b + c),
+                0.5 * np.stack([b - a, c - a]),
+                ends,
+                rounding,
+            )
+        )
     x, y = places
-    return source.model(x, y, steps)
+    return source_function.model(x, y, steps)
 
 
-def _known(f: Model) -> Array:
-    """(k,) a bound on |f - p|, which includes the rounding of p."""
-    return np.asarray(f.rad + 32 * EPS * np.abs(f.c).sum(axis=0))
+def _remainder_bound(model: TaylorModel) -> Array:
+    """A bound on |f - p| on each piece, which includes the rounding of p, (k,)."""
+    return np.asarray(model.rad + 32 * EPS * np.abs(model.c).sum(axis=0))
 
 
-def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
+def split_at_jumps(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array, Index]:
     """The pieces (k, 3, 3), cut along the curves, and the number (k,) of the piece that each is a part of.
 
     A piece that a curve crosses is cut in three by a chord. Pieces that are large against a circle are left
@@ -208,71 +268,83 @@ def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array,
     owner = np.arange(len(parent))
     for kink in jumps.values():
         vertices = corners @ mesh.points[mesh.triangles[parent[owner]]]
-        level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
+        level = kink.signed_distances(vertices.reshape(-1, 2)).reshape(-1, 3)
         above = level >= 0
         crossed = above.any(axis=1) & ~above.all(axis=1) & _is_small(vertices, kink)
-        corners, owner = _along(corners, owner, level, crossed)
+        corners, owner = _split_by_chords(corners, owner, level, crossed)
     return corners, owner
 
 
-def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
+def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
     """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
-    above, s = level[crossed] >= 0, level[crossed]
-    alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
-    order = (alone[:, None] + np.arange(3)) % 3
+    above = level[crossed] >= 0
+    s = level[crossed]
+    apex = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
+    order = (apex[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
     s = np.take_along_axis(s, order, axis=1)
-    p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
-    parts = np.concatenate([np.stack(part, axis=1) for part in ((a, p, q), (p, b, c), (p, c, q))])
-    proper = shares(parts) > TINY
-    of_parts = np.tile(owner[crossed], 3)[proper]
-    return np.concatenate([corners[~crossed], parts[proper]]), np.concatenate([owner[~crossed], of_parts])
+    # the signed distance s is 0 at p and q, on the edges at a, which lies alone on one side
+    p = a + (s[:, :1] / (s[:, :1] - s[:, [1]])) * (b - a)
+    q = a + (s[:, :1] / (s[:, :1] - s[:, [2]])) * (c - a)
+    thirds = np.concatenate(
+        [np.stack(corner_points, axis=1) for corner_points in ((a, p, q), (p, b, c), (p, c, q))]
+    )
+    proper = area_shares(thirds) > MIN_AREA_SHARE
+    part_owner = np.tile(owner[crossed], 3)[proper]
+    return np.concatenate([corners[~crossed], thirds[proper]]), np.concatenate([owner[~crossed], part_owner])
 
 
-def shares(corners: Array) -> Array:
-    """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
-    b, c = ((corners[:, i] - corners[:, 0])[:, 1:] for i in (1, 2))
+def area_shares(corners: Array) -> Array:
+    """The areas of pieces, over those of their triangles, (k,)."""
+    b = (corners[:, 1] - corners[:, 0])[:, 1:]
+    c = (corners[:, 2] - corners[:, 0])[:, 1:]
     return np.abs(cross(b, c))
 
 
-def sides(vertices: Array, jumps: Jumps, size: float) -> tuple[dict[Atom, Array], dict[Atom, Array]]:
+def step_values(
+    vertices: Array, jumps: Jumps, scale: float
+) -> tuple[dict[Primitive, Array], dict[Primitive, Array]]:
     """The value (k,) of every step on pieces, and the area (k,) on which it has the other value.
 
-    The pieces have those vertices (k, 3, 2), computed from coordinates of that `size`. A value is NaN where
+    The pieces have those vertices (k, 3, 2), computed from coordinates of that `scale`. A value is NaN where
     the step may have both. The area is that of the part on the other side of the curve than the centroid, up
-    to `rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
+    to `step_area_rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
     """
-    steps, wrong, centre = {}, {}, vertices.mean(axis=1)
+    steps = {}
+    wrong_areas = {}
+    centre = vertices.mean(axis=1)
     for step, kink in jumps.items():
-        level, reach = kink.level(centre), _diameter(vertices) + 64 * EPS * _size(size, kink)
-        near, small = np.abs(level) <= reach, _is_small(vertices, kink)
+        level = kink.signed_distances(centre)
+        reach = _diameter(vertices) + 64 * EPS * _level_scale(scale, kink)
+        near = np.abs(level) <= reach
+        small = _is_small(vertices, kink)
         steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
         area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
-        wrong[step] = np.where(near & small, area, np.nan)
-    return steps, wrong
+        wrong_areas[step] = np.where(near & small, area, np.nan)
+    return steps, wrong_areas
 
 
 def _is_small(vertices: Array, kink: Kink) -> Mask:
-    return _diameter(vertices) <= (SMALL * kink.radius or np.inf)
+    return _diameter(vertices) <= (MAX_DIAMETER_PER_RADIUS * kink.radius or np.inf)
 
 
 def _diameter(vertices: Array) -> Array:
     return np.asarray(np.linalg.norm(vertices - np.roll(vertices, 1, axis=1), axis=2).max(axis=1))
 
 
-def rounding(vertices: Array, kink: Kink, size: float) -> Array:
-    """(k,) how far rounding may falsify the areas of `sides`, for coordinates of that size."""
+def step_area_rounding(vertices: Array, kink: Kink, scale: float) -> Array:
+    """How far rounding may falsify the areas of `step_values`, (k,)."""
     diameter = _diameter(vertices)
-    return 64 * EPS * (_size(size, kink) * diameter + (kink.radius + diameter) ** 2)
+    return 64 * EPS * (_level_scale(scale, kink) * diameter + (kink.radius + diameter) ** 2)
 
 
-def _size(size: float, kink: Kink) -> float:
+def _level_scale(scale: float, kink: Kink) -> float:
     """The size of the numbers from which a kink's levels are computed."""
-    return size + float(np.abs(kink.centre).max()) + kink.radius
+    return scale + float(np.abs(kink.centre).max()) + kink.radius
 
 
 def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
-    """(k,) the area on which a step does not have the value that its piece is given.
+    """The area on which a step does not have the value that its piece is given, (k,).
 
     That is the value `inside` a circle or outside it. The area is 0 for a line, along which pieces are cut.
     """
@@ -283,26 +355,28 @@ def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
     return np.clip(np.where(inside, area - disc, disc), 0.0, area)
 
 
-def averages(c: Array) -> Array:
-    """(2, k) the means of p and of p^2, from the coefficients c (m, k) of p."""
-    return np.stack([hat_means().sum(axis=0) @ c, np.sum((_triangular() @ c) ** 2, axis=0)])
+def polynomial_means(c: Array) -> Array:
+    """The means of p and of p^2 on each piece, from the coefficients of p, (2, k)."""
+    return np.stack([hat_means().sum(axis=0) @ c, np.sum((_mean_square_factor() @ c) ** 2, axis=0)])
 
 
 @cache
 def hat_means() -> Array:
-    """(3, m) means of monomials times each hat."""
-    (points, weights), values = collapsed(ORDER + 1), _monomials()
+    """The means over a triangle of the monomials times each hat, (3, m)."""
+    points, weights = duffy_rule(SOURCE_DEGREE + 1)
+    values = _monomial_values()
     return (points.T * weights) @ values.T
 
 
-def _monomials() -> Array:
-    """(m, q) the values of the monomials at the points of the rule."""
-    points, _ = collapsed(ORDER + 1)
-    return np.prod((2 * points.T[1:] - 1) ** basis(2, ORDER).exponents[..., None], axis=1)
+def _monomial_values() -> Array:
+    """The values of the monomials at the points of the rule, (m, q)."""
+    points, _ = duffy_rule(SOURCE_DEGREE + 1)
+    return np.prod((2 * points.T[1:] - 1) ** monomial_basis(2, SOURCE_DEGREE).exponents[..., None], axis=1)
 
 
 @cache
-def _triangular() -> Array:
-    """(m, m) R with |R c|^2 = mean p^2; degrees increase, so the rows from 3 on give p - f_h."""
-    _, weights = collapsed(ORDER + 1)
-    return np.asarray(np.linalg.qr((_monomials() * np.sqrt(weights)).T, mode="r"))
+def _mean_square_factor() -> Array:
+    """The triangular matrix R with |R c|^2 = mean p^2; its rows from 3 on give p - f_h, (m, m)."""
+    # QR of the values at the rule's points: |R c|^2 = |Q R c|^2; the first three monomials are linear
+    _, weights = duffy_rule(SOURCE_DEGREE + 1)
+    return np.asarray(np.linalg.qr((_monomial_values() * np.sqrt(weights)).T, mode="r"))

@@ -17,34 +17,35 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.equilibrated_flux import equilibrated, flows
+from unilateral.bounds.equilibrated_flux import equilibrate_flux, triangle_inflows
 from unilateral.certificates.statement import has_formulas, state_problem
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.fem.form import Form, decoupled
-from unilateral.fem.linear_systems import dissected
+from unilateral.fem.form import Form, decouple_nodes
+from unilateral.fem.linear_systems import factorise_by_dissection
 from unilateral.fem.p1 import load_vector, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
+from unilateral.problems.piecewise import PIECE_DEGREE, POWERS_AT_MINUS_ONE, enclose_on_intervals
 from unilateral.problems.problem import Problem
 from unilateral.system.files import replacing
 
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
 """The endings of the names of certificates, and the optional packages that each needs: none."""
-PLACE_BITS, VALUE_BITS = 53, 60
+PLACE_BITS = 53
+VALUE_BITS = 60
 """Coordinates and values keep so many binary places of the largest one, for the checker's integers."""
-ROUNDING = 1e-14
+VALUE_ROUNDING = 1e-14
 """Values are rounded, and moved by rounded places, by less than this part of their size."""
-INTERVALS = 1.5
+THIRD_DERIVATIVE_RATIO = 1.5
 """A checker's bound on g''' is taken to be up to this many times as large as the largest |g'''|."""
-FIELD_MARGIN = 1e-9
+DIVERGENCE_ALLOWANCE = 1e-9
 """div b is made larger than 1 by this, for its rounding."""
 
 
 class JudgedFunction(NamedTuple):
     """A function `v` (n,) on a mesh, and what proves a bound on its error.
 
-    `flux` (2, E) has the flows and tilts of p on edges, as `equilibrated` gives them. `trace` (2 nb,) is
+    `flux` (2, E) has the flows and tilts of p on edges, as `equilibrate_flux` gives them. `trace` (2 nb,) is
     v + y at the boundary nodes, then at the midpoints of boundary edges; it is raised to g when written.
     `field` (2, E) is that of `friedrichs_field` where c is small, and else None.
     """
@@ -57,24 +58,29 @@ class JudgedFunction(NamedTuple):
 
 
 def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
-    """What the cheap bound of a solution rests on.
+    """The function, flux and trace on which the cheap bound of a solution rests.
 
     If c is 0 or small, the flux is balanced: a checker multiplies the mean of f + div p - c v on triangles by
     a constant that is less sharp than the program's. It is what the iteration left of the discrete equations.
     """
-    bound, flux, data = solved.local_bound, solved.flux, solved.data
+    bound = solved.local_bound
+    flux = solved.flux
+    data = solved.data
     assert bound is not None  # the data of a user's problem are known
     assert flux is not None
     assert data is not None
-    mesh, form = solved.mesh, solved.form
+    mesh = solved.mesh
+    form = solved.form
     field = None
     if form.c * form.friedrichs**2 < form.k:
         load_means = data.source.moments().sum(axis=1) / mesh.areas
         v_means = solved.u_h[mesh.triangles].mean(axis=1)
+        # f + div p - c v has the mean 0 on triangles after this
         surplus = load_means - form.c * v_means + divergence(mesh, flux)
-        flux = flux + flux_of_source(mesh, form.clamped, surplus)
+        flux = flux + poisson_flux(mesh, form.clamped, surplus)
         field = friedrichs_field(mesh, form.clamped)
-    raised, bubbles = solved.u_h[mesh.boundary] + bound.lift[0], bound.lift[1]
+    raised = solved.u_h[mesh.boundary] + bound.lift[0]
+    bubbles = bound.lift[1]
     trace = np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
     return JudgedFunction(mesh, solved.u_h, flux, trace, field)
 
@@ -117,15 +123,17 @@ def round_to_grid(values: Array, bits: int, rounding: np.ufunc = np.rint) -> Arr
     return np.asarray(np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)) + 0.0
 
 
-def edge_values(mesh: Mesh, flux: Array, positive: Index | tuple[()] = ()) -> Array:
-    """(E, 2) p.n times the length at both ends of edges, in the order in which triangles mention them first.
+def edge_values(mesh: Mesh, flux: Array, positive_edges: Index | tuple[()] = ()) -> Array:
+    """p.n times the length at both ends of edges (E, 2), in the order in which triangles mention them first.
 
-    n points out of the triangle that mentions the edge first. On the boundary edges `positive` (k,) the
+    n points out of the triangle that mentions the edge first. On the boundary edges `positive_edges` (k,) the
     values are cut off at 0.
     """
     edges, first = np.unique(mesh.opposite_edges.ravel(), return_index=True)
-    outflow = -np.stack([at_end.T.ravel() for at_end in flows(mesh, flux, slice(None))], axis=1)[first]
-    cut = np.isin(edges, mesh.triangulation.boundary[np.array(positive, dtype=np.intp)])
+    outflow = -np.stack([at_end.T.ravel() for at_end in triangle_inflows(mesh, flux, slice(None))], axis=1)[
+        first
+    ]
+    cut = np.isin(edges, mesh.triangulation.boundary_edges[np.array(positive_edges, dtype=np.intp)])
     outflow[cut] = np.maximum(outflow[cut], 0.0)
     return outflow[np.argsort(first)]
 
@@ -138,64 +146,75 @@ def raise_trace(problem: Problem, judged: JudgedFunction, places: Array, contact
     """
     if contact.size == 0:
         return round_to_grid(judged.trace, VALUE_BITS)
-    side, nb = judged.mesh.side, len(places)
+    side = judged.mesh.side
+    nb = len(places)
     after = (contact + 1) % nb
     ends = np.where(side[after] == side[contact], places[after], 1.0)
     g_first, g_bend, g_last = obstacle_bounds(problem, side[contact], places[contact], ends)
     nodes, middles = np.split(judged.trace.copy(), 2)
     np.maximum.at(nodes, contact, g_first)
     np.maximum.at(nodes, after, g_last)
-    w_first, w_last = nodes[contact], nodes[after]
+    w_first = nodes[contact]
+    w_last = nodes[after]
     sizes = np.abs(w_first) + np.abs(w_last) + np.abs(g_bend)
-    low, high = (np.maximum(w - g - ROUNDING * sizes, 0.0) for w, g in ((w_first, g_first), (w_last, g_last)))
+    # v + y - g >= 0 in Bernstein's basis: bend >= -(low high)^{1/2}
+    low = np.maximum(w_first - g_first - VALUE_ROUNDING * sizes, 0.0)
+    high = np.maximum(w_last - g_last - VALUE_ROUNDING * sizes, 0.0)
     # bend = 2 (v + y at the midpoint) - (w_first + w_last) / 2 - g_bend
-    least = 0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + ROUNDING * sizes
-    middles[contact] = np.maximum(middles[contact], least)
+    middle_lower = (
+        0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + VALUE_ROUNDING * sizes
+    )
+    middles[contact] = np.maximum(middles[contact], middle_lower)
     return round_to_grid(np.append(nodes, middles), VALUE_BITS, np.ceil)
 
 
 def obstacle_bounds(problem: Problem, side: Index, start: Array, end: Array) -> Array:
-    """(3, k) upper bounds on g in Bernstein's basis on parts of sides (k,), as a checker encloses g there.
+    """Upper bounds on g in Bernstein's basis on parts of sides, as a checker encloses g there, (3, k).
 
     The checker interpolates g at the ends and the midpoint of a part. If |g'''| <= M, with the variable t in
     [0, 1], the rest is at most M t (1 - t) / 12, which moves the middle coefficient by M / 24. Here g is a
     polynomial in 2 t - 1 with the coefficients c, up to a small remainder.
     """
-    pieces = on_intervals(problem.obstacle_model, side, start, end)
-    k = np.arange(ORDER + 1.0)
+    pieces = enclose_on_intervals(problem.obstacle_model, side, start, end)
+    k = np.arange(PIECE_DEGREE + 1.0)
     # The derivatives of (2 t - 1)^k; a checker encloses them by intervals, and so less sharply
-    M = INTERVALS * 8 * (k * (k - 1) * (k - 2) * 2 ** (k - 3)) @ np.abs(pieces.c)
-    first, last, middle = SIGNS @ pieces.c, pieces.c.sum(axis=0), pieces.c[0]
-    margin = 2 * pieces.rad + ROUNDING * np.abs(pieces.c).sum(axis=0)
+    M = THIRD_DERIVATIVE_RATIO * 8 * (k * (k - 1) * (k - 2) * 2 ** (k - 3)) @ np.abs(pieces.c)
+    first = POWERS_AT_MINUS_ONE @ pieces.c
+    last = pieces.c.sum(axis=0)
+    middle = pieces.c[0]
+    margin = 2 * pieces.rad + VALUE_ROUNDING * np.abs(pieces.c).sum(axis=0)
     return np.stack([first, 2 * middle - 0.5 * (first + last) + M / 24 + margin, last]) + margin
 
 
 def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
-    """(2, E) flows and tilts of a field b with div b >= 1 and b.n = 0 on sides that are not clamped."""
-    field = flux_of_source(mesh, clamped, -np.ones(len(mesh.triangles)))
+    """A field b with div b >= 1, and b.n = 0 on sides that are not clamped, by its flows and tilts (2, E)."""
+    field = poisson_flux(mesh, clamped, -np.ones(len(mesh.triangles)))
     field[1] = 0.0  # one value on each edge, with the same divergence
     # Areas of the exact mesh differ by the distortion, with a second one for the rounding of places
-    margin = 1 + FIELD_MARGIN + 2 * float(mesh.distortion.max())
+    margin = 1 + DIVERGENCE_ALLOWANCE + 2 * float(mesh.distortion.max())
     return field * (margin / divergence(mesh, field).min())
 
 
-def flux_of_source(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
-    """(2, E) the flux of the phi with -lap phi = f, constant on triangles (m,), so that its divergence is -f.
+def poisson_flux(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
+    """The flux of the phi with -lap phi = f, by its flows and tilts (2, E); its divergence is -f.
 
-    phi is 0 on the clamped sides, and the flux through all others is 0.
+    f is constant on triangles. phi is 0 on the clamped sides, and the flux through all others is 0.
     """
     form = Form(c=0.0, clamped=clamped)
-    fixed = form.fixed(mesh)
+    fixed = form.clamped_nodes(mesh)
     moments = np.repeat((mesh.areas * f / 3)[:, None], 3, axis=1)
     stiffness, _ = stiffness_and_mass(mesh)
-    phi = dissected(decoupled(stiffness, fixed)).solve(np.where(fixed, 0.0, load_vector(mesh, moments)))
-    normal = np.where(form.edges(mesh)[:, None], np.nan, np.zeros((len(mesh.boundary), 2)))
-    return equilibrated(mesh, phi, lambda part: moments[part], normal, form)
+    phi = factorise_by_dissection(decouple_nodes(stiffness, fixed)).solve(
+        np.where(fixed, 0.0, load_vector(mesh, moments))
+    )
+    normal = np.where(form.clamped_edges(mesh)[:, None], np.nan, np.zeros((len(mesh.boundary), 2)))
+    return equilibrate_flux(mesh, phi, lambda part: moments[part], normal, form)
 
 
 def divergence(mesh: Mesh, flux: Array) -> Array:
-    """(m,) the divergence of a flux on triangles, from its flows and tilts."""
-    at_first, at_last = flows(mesh, flux, slice(None))
+    """The divergence of a flux on each triangle, from its flows and tilts, (m,)."""
+    at_first, at_last = triangle_inflows(mesh, flux, slice(None))
+    # |T| div q is the flow out: the sum over the edges of -(first + last) / 2
     return np.asarray(-0.5 * (at_first + at_last).sum(axis=0) / mesh.areas)
 
 
@@ -206,7 +225,7 @@ def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> N
         temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)
 
 
-def checker_of(problem: Problem) -> Path:
+def find_checker(problem: Problem) -> Path:
     """The program that checks certificates of a problem: it is installed, or in the project's folder."""
     name = "check_formulas.py" if has_formulas(state_problem(problem)) else "check.py"
     package = Path(__file__).parents[1]

@@ -8,17 +8,17 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from unilateral.errors import InputError
-from unilateral.formulas.expression import ZERO, Expression, atoms_in
-from unilateral.formulas.formula import coefficients
+from unilateral.formulas.expression import ZERO, Expression, find_functions
+from unilateral.formulas.formula import polynomial_coefficients
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
 
-MAX_DENOMINATOR = 10**6
+MAX_STATED_DENOMINATOR = 10**6
 """A double is taken for the simplest fraction that rounds to it, if that has at most this denominator."""
-MAX_DEGREE = 20
+MAX_STATED_DEGREE = 20
 """Polynomials of a higher degree are written as formulas."""
-FIELDS = {"contact": "g", "free": "q", "clamped": "u"}
+CONDITION_FIELDS = {"contact": "g", "free": "q", "clamped": "u"}
 """The field of a problem that has the function of each condition."""
 Point = tuple[Fraction, Fraction]
 Terms = list[tuple[int, int, Fraction]]
@@ -31,14 +31,15 @@ def state_problem(problem: Problem) -> dict[str, Any]:
     Raises InputError for what no checker reads: cases, values at nodes, pos, irrational k and c,
     and u that is not quadratic along its side.
     """
-    name, sides = problem.name, list[dict[str, Any]]()
+    name = problem.name
+    sides = list[dict[str, Any]]()
     if problem.exact:
         raise _unread_error(f"'{name}'", "is a case", "take a problem file")
     vertices = [(_simplest_fraction(x), _simplest_fraction(y)) for x, y in problem.polygon.vertices.tolist()]
     for side, start in enumerate(vertices):
         kind = "clamped" if side in problem.clamped_sides else "contact"
         kind = "free" if side in problem.free_sides else kind
-        place = f"{name}, field {FIELDS[kind]}[{side}]"
+        place = f"{name}, field {CONDITION_FIELDS[kind]}[{side}]"
         data = problem.q if kind == "free" else problem.g
         is_exact = partial(_is_quadratic, start, vertices[(side + 1) % len(vertices)])
         function = _state_function(data[side] if data else ZERO, place, is_exact)
@@ -60,36 +61,41 @@ def has_formulas(statement: dict[str, Any]) -> bool:
     return any(isinstance(function, str) for function in functions)
 
 
-def _unread_error(place: str, fault: str, instead: str = "write the field otherwise") -> InputError:
+def _unread_error(where: str, fault: str, advice: str = "write the field otherwise") -> InputError:
     unread = "which no checker of certificates reads"
-    return InputError(f"{place} {fault}, {unread}; {instead}, or leave the certificate out")
+    return InputError(f"{where} {fault}, {unread}; {advice}, or leave the certificate out")
 
 
 def _simplest_fraction(z: float) -> Fraction:
     """The simplest fraction that rounds to a double, or the double's decimal."""
-    fraction = Fraction(z).limit_denominator(MAX_DENOMINATOR)
+    fraction = Fraction(z).limit_denominator(MAX_STATED_DENOMINATOR)
     return fraction if float(fraction) == z else Fraction(repr(z))
 
 
-def _state_number(number: Expression, place: str) -> str:
+def _state_number(number: Expression, where: str) -> str:
     if number.rational is None:
-        raise _unread_error(f"{place}:", f"{number} is irrational")
+        raise _unread_error(f"{where}:", f"{number} is irrational")
     return str(number.rational)
 
 
-def _state_function(formula: object, place: str, is_exact: Callable[[Terms], bool]) -> list[list[Any]] | str:
+def _state_function(formula: object, where: str, is_exact: Callable[[Terms], bool]) -> list[list[Any]] | str:
     """The terms of a polynomial with fractions, if `is_exact` says that it is read as one; else a formula."""
     if not isinstance(formula, Expression):
-        raise _unread_error(f"{place}:", "it is linear between the nodes of the mesh")
-    if atoms_in(formula, "pos"):
-        raise _unread_error(f"{place}:", "it has pos")
+        raise _unread_error(f"{where}:", "it is linear between the nodes of the mesh")
+    if find_functions(formula, "pos"):
+        raise _unread_error(f"{where}:", "it has pos")
     try:
-        polynomial = coefficients(formula, "xy")
+        polynomial = polynomial_coefficients(formula, "xy")
     except ValueError:  # a coefficient cannot be distinguished from 0
         polynomial = None
     items = sorted((polynomial or {}).items())
     terms = [(i, j, c.rational) for (i, j), c in items if c.rational is not None]
-    if polynomial is None or len(terms) < len(items) or _degree(terms) > MAX_DEGREE or not is_exact(terms):
+    if (
+        polynomial is None
+        or len(terms) < len(items)
+        or _degree(terms) > MAX_STATED_DEGREE
+        or not is_exact(terms)
+    ):
         return str(formula)
     return [[i, j, str(c)] for i, j, c in terms]
 
@@ -100,7 +106,9 @@ def _degree(terms: Terms) -> int:
 
 def _is_quadratic(start: Point, end: Point, terms: Terms) -> bool:
     """Whether a polynomial is quadratic along a side, which means that its third differences are 0 there."""
-    (x, y), dx, dy = start, end[0] - start[0], end[1] - start[1]
+    x, y = start
+    dx = end[0] - start[0]
+    dy = end[1] - start[1]
     places = [(x + step * dx, y + step * dy) for step in range(_degree(terms) + 1)]
     values = [sum(c * x**i * y**j for i, j, c in terms) for x, y in places]
     thirds = zip(values, values[1:], values[2:], values[3:], strict=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from unilateral.cli import commands, solve_commands
-from unilateral.cli.arguments import examples
+from unilateral.cli.arguments import format_examples
 
 EXIT_CODES = """\b
 Exit codes:
@@ -23,7 +23,7 @@ Exit codes:
 @click.group(
     epilog="\n\n".join(
         [
-            examples(
+            format_examples(
                 "unilateral init my_problem.yaml",
                 "unilateral solve my_problem.yaml --accuracy 0.1",
                 "unilateral solve --help",
@@ -39,19 +39,19 @@ def application() -> None:
 
 
 @click.command(hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
-def claims() -> None:
+def claims_command() -> None:
     """Stands in for the study's command."""
     raise click.UsageError("claims belongs to the study, which 'make' installs in a clone of the project")
 
 
-application.add_command(solve_commands.solve)
-application.add_command(solve_commands.certify)
-application.add_command(commands.init)
-application.add_command(commands.check)
-application.add_command(commands.cases)
-application.add_command(commands.export)
-application.add_command(commands.score)
-application.add_command(commands.infsup)
+application.add_command(solve_commands.solve_command)
+application.add_command(solve_commands.certify_command)
+application.add_command(commands.init_command)
+application.add_command(commands.check_command)
+application.add_command(commands.cases_command)
+application.add_command(commands.export_command)
+application.add_command(commands.score_command)
+application.add_command(commands.infsup_command)
 
 
 def has_study() -> bool:
@@ -62,4 +62,4 @@ def has_study() -> bool:
 
 
 # The library does not know the study, which brings a command where it is installed
-application.add_command(import_module("study.ledger.command").claims if has_study() else claims)
+application.add_command(import_module("study.ledger.command").claims if has_study() else claims_command)

@@ -6,27 +6,32 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from unilateral.exchange.case_formulas import DEFINITIONS, NO_FORMULAS, formulas, module
+from unilateral.exchange.case_formulas import (
+    DEFINITIONS,
+    NO_FORMULAS,
+    derive_case_formulas,
+    render_case_module,
+)
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case, problem_file
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.case_certificate import PROVED, ROUND_OFF, Certificate, certify
-from unilateral.problems.polar_atoms import Polar
-from unilateral.system.as_json import text as as_text
+from unilateral.problems.case_certificate import CASE_ROUND_OFF, PROVED_RATES, CaseCertificate, certify_case
+from unilateral.problems.polar_atoms import PolarAtom
+from unilateral.system.json_records import encode_json
 
-MOST_INTERVALS = 4
-WIDTH = 100
-LEGEND = (
+MAX_PRINTED_INTERVALS = 4
+TEXT_WIDTH = 100
+FORMULA_LEGEND = (
     "pos(a, k) is the positive part of a to the power k, angle(b, a) the angle of (a, b) in [0, 2 pi); "
     "contact is in arc length from the start of the side"
 )
-RATES = {
+RATE_TEXTS = {
     "h1": "of u in H1 by (4.11)",
     "hm12": "of lambda in H^(-1/2) by (4.12)",
     "l2": "of lambda in L2 by (4.13)",
 }
-REGULARITY = {
+REGULARITY_TEXTS = {
     "in_H2": "u in H2",
     "lipschitz": "u Lipschitz on the sides",
     "flux_in_L2": "lambda in L2",
@@ -35,36 +40,39 @@ REGULARITY = {
 }
 
 
-def listing() -> Iterator[str]:
+def list_cases() -> Iterator[str]:
     """A heading, and two lines or more for each case; cases are certified one by one."""
     yield f"{'case':15} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'lambda <=':10} {'u - g <=':9} {'contact':31} on"
-    for name in case.names():
-        for solution, certificate in certify_on(name, domains(name)):
+    for name in case.case_names():
+        for solution, certificate in certify_on_polygons(name, list_case_polygons(name)):
             holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]
-            flux, gap = largest(certificate)
-            row = f"{flux:<10.3g} {gap:<9.3g} {contact(certificate.contact):31} {solution.polygon.name}"
+            flux, gap = largest_flux_and_gap(certificate)
+            contact = describe_contact(certificate.contact)
+            row = f"{flux:<10.3g} {gap:<9.3g} {contact:31} {solution.polygon.name}"
             yield f"{name:15} {holds[0]:4} {holds[1]:5} {holds[2]:6} {row}"
-        yield f"{'':15} {case.declared(name)[0]['title']}"
+        yield f"{'':15} {case.read_case_declaration(name)[0]['title']}"
 
 
-def records() -> dict[str, Any]:
+def make_catalogue_record() -> dict[str, Any]:
     """The catalogue for programs."""
     return {
         "cases": [
             {
                 "name": name,
-                "title": case.declared(name)[0]["title"],
-                "polygons": [polygon_record(*pair) for pair in certify_on(name, domains(name))],
+                "title": case.read_case_declaration(name)[0]["title"],
+                "polygons": [
+                    make_polygon_record(*pair) for pair in certify_on_polygons(name, list_case_polygons(name))
+                ],
             }
-            for name in case.names()
+            for name in case.case_names()
         ]
     }
 
 
-def polygon_record(solution: ExactSolution, certificate: Certificate) -> dict[str, Any]:
+def make_polygon_record(solution: ExactSolution, certificate: CaseCertificate) -> dict[str, Any]:
     """The certificate of a case on a polygon; contact by arc lengths from the start of each side."""
     lengths = solution.polygon.lengths.tolist()
-    flux, gap = largest(certificate)
+    flux, gap = largest_flux_and_gap(certificate)
     intervals = [
         {"side": side, "start": start * lengths[side], "end": end * lengths[side]}
         for side, start, end in certificate.contact
@@ -79,101 +87,107 @@ def polygon_record(solution: ExactSolution, certificate: Certificate) -> dict[st
     }
 
 
-def domains(name: str) -> list[Polygon]:
+def list_case_polygons(name: str) -> list[Polygon]:
     """The named polygons that a case is for."""
-    declared = case.declared(name)[0]["polygons"]
-    return [polygon.named(each) for each in (polygon.names() if declared == "any" else declared)]
+    declared = case.read_case_declaration(name)[0]["polygons"]
+    return [
+        polygon.find_polygon(polygon_name)
+        for polygon_name in (polygon.polygon_names() if declared == "any" else declared)
+    ]
 
 
-def certify_on(
+def certify_on_polygons(
     name: str, polygons: Sequence[Polygon], side: int = 0
-) -> Iterator[tuple[ExactSolution, Certificate]]:
+) -> Iterator[tuple[ExactSolution, CaseCertificate]]:
     """The case on a side of each polygon, with its certificate."""
     for domain in polygons:
-        solution = case.load(name, domain, side)
-        yield solution, certify(solution)
+        solution = case.load_solution(name, domain, side)
+        yield solution, certify_case(solution)
 
 
-def largest(certificate: Certificate) -> tuple[float, float]:
-    """The largest values of lambda and of the gap; 0 for what is rounding."""
-    flux, gap = (x if x > ROUND_OFF else 0.0 for x in (certificate.lambda_max, certificate.gap_max))
+def largest_flux_and_gap(certificate: CaseCertificate) -> tuple[float, float]:
+    """The largest values of lambda and of the gap, 0 where they are rounding."""
+    flux = certificate.max_multiplier if certificate.max_multiplier > CASE_ROUND_OFF else 0.0
+    gap = certificate.max_gap if certificate.max_gap > CASE_ROUND_OFF else 0.0
     return flux, gap
 
 
-def contact(intervals: Sequence[tuple[int, float, float]]) -> str:
+def describe_contact(intervals: Sequence[tuple[int, float, float]]) -> str:
     """The contact set in words."""
-    whole = [side for side, start, end in intervals if (start, end) == (0.0, 1.0)]
-    parts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in intervals if side not in whole]
-    if len(parts) > MOST_INTERVALS:
-        parts = [f"{len(parts)} intervals"]
-    if whole:
-        parts.append(f"sides {', '.join(map(str, whole))}")
-    return "; ".join(parts) or "none"
+    full_sides = [side for side, start, end in intervals if (start, end) == (0.0, 1.0)]
+    texts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in intervals if side not in full_sides]
+    if len(texts) > MAX_PRINTED_INTERVALS:
+        texts = [f"{len(texts)} intervals"]
+    if full_sides:
+        texts.append(f"sides {', '.join(map(str, full_sides))}")
+    return "; ".join(texts) or "none"
 
 
-def show(name: str, polygon: str | None, side: int, kind: str) -> str:
-    """The case on that polygon, or on all that it is for, in the format of that kind.
+def render_case(name: str, polygon: str | None, side: int, text_format: str) -> str:
+    """The case on a polygon, or on all that it is for, as text in a format.
 
     Raises InputError for an unknown case or polygon, and where there is no such format of it.
     """
-    polygons = domains(name) if polygon is None else [problem_file.polygon_of(polygon)]
-    if kind in ("python", "ufl"):
-        solution, _ = next(certify_on(name, polygons, side))
-        return module(solution, kind).rstrip()
-    pairs = list(certify_on(name, polygons, side))
-    return as_text(record(pairs)) if kind == "json" else "\n".join(lines(pairs))
+    polygons = list_case_polygons(name) if polygon is None else [problem_file.load_polygon(polygon)]
+    if text_format in ("python", "ufl"):
+        solution, _ = next(certify_on_polygons(name, polygons, side))
+        return render_case_module(solution, text_format).rstrip()
+    pairs = list(certify_on_polygons(name, polygons, side))
+    return encode_json(make_case_record(pairs)) if text_format == "json" else "\n".join(describe_case(pairs))
 
 
-def record(pairs: list[tuple[ExactSolution, Certificate]]) -> dict[str, Any]:
-    """What `lines` says, for programs."""
-    first = pairs[0][0]
+def make_case_record(certified_cases: list[tuple[ExactSolution, CaseCertificate]]) -> dict[str, Any]:
+    """Record of a case on its polygons for programs: formulas, regularity, rates and contact."""
+    first = certified_cases[0][0]
     return {
         "name": first.name,
         **{name: first.declaration.get(name) for name in ("title", "about", "asymptotic")},
-        "regularity": regularity(first),
+        "regularity": case_regularity(first),
         "proved_rates": proved_rates(first),
         "definitions": DEFINITIONS,
         "polygons": [
-            polygon_record(solution, certificate)
-            | {"vertices": solution.polygon.vertices.tolist(), "powers": powers(solution)}
-            | formulas(solution)
-            for solution, certificate in pairs
+            make_polygon_record(solution, certificate)
+            | {"vertices": solution.polygon.vertices.tolist(), "powers": fractional_powers(solution)}
+            | derive_case_formulas(solution)
+            for solution, certificate in certified_cases
         ],
     }
 
 
 def proved_rates(solution: ExactSolution) -> dict[str, float] | None:
-    """The rates of Theorem 4.1, None where it does not apply."""
-    return PROVED if all(solution.declaration["hypotheses"].values()) else None
+    """The rates of Theorem 4.1 by norm, None where it does not apply."""
+    return PROVED_RATES if all(solution.declaration["hypotheses"].values()) else None
 
 
-def lines(pairs: list[tuple[ExactSolution, Certificate]]) -> Iterator[str]:
-    """What is known of a case, in lines for readers."""
-    first, certificate = pairs[0]
+def describe_case(certified_cases: list[tuple[ExactSolution, CaseCertificate]]) -> Iterator[str]:
+    """Lines that describe a case on its polygons for readers."""
+    first, certificate = certified_cases[0]
     declared = first.declaration
     yield f"{first.name}: {declared['title']}"
-    yield textwrap.fill(declared.get("about", ""), WIDTH, initial_indent="  ", subsequent_indent="  ")
-    for pair in pairs:
-        yield from _on_polygon(*pair)
+    yield textwrap.fill(declared.get("about", ""), TEXT_WIDTH, initial_indent="  ", subsequent_indent="  ")
+    for pair in certified_cases:
+        yield from _describe_on_polygon(*pair)
     hypotheses = (
         f"({name}) {'holds' if holds else 'does not hold'}" for name, holds in certificate.hypotheses.items()
     )
     yield f"hypotheses of Theorem 4.1: {', '.join(hypotheses)}"
     yield f"u - g in H^(3/2) on every side: {'yes' if certificate.g_regular else 'no'}"
-    known = [what if regularity(first)[name] else f"not {what}" for name, what in REGULARITY.items()]
-    yield f"regularity: {', '.join(known)}"
+    regularity = [
+        text if case_regularity(first)[name] else f"not {text}" for name, text in REGULARITY_TEXTS.items()
+    ]
+    yield f"regularity: {', '.join(regularity)}"
     rates = proved_rates(first)
-    texts = [f"{rates[norm]:g} {what}" for norm, what in RATES.items()] if rates else ["none"]
+    texts = [f"{rates[norm]:g} {text}" for norm, text in RATE_TEXTS.items()] if rates else ["none"]
     yield f"proved rates: {', '.join(texts)}"
-    begins = ", ".join(f"{norm} from h = {declared['asymptotic'][norm]['from']}" for norm in RATES)
+    begins = ", ".join(f"{norm} from h = {declared['asymptotic'][norm]['from']}" for norm in RATE_TEXTS)
     yield f"asymptotic: {begins}"
-    yield LEGEND
+    yield FORMULA_LEGEND
 
 
-def _on_polygon(solution: ExactSolution, certificate: Certificate) -> Iterator[str]:
+def _describe_on_polygon(solution: ExactSolution, certificate: CaseCertificate) -> Iterator[str]:
     """The formulas on a polygon, and contact side by side."""
     polygon = solution.polygon
-    texts = formulas(solution)
+    texts = derive_case_formulas(solution)
     has_formulas = texts["u"] is not None
     yield f"on {polygon.name}:"
     if has_formulas:
@@ -181,16 +195,17 @@ def _on_polygon(solution: ExactSolution, certificate: Certificate) -> Iterator[s
         yield f"  f = {texts['f']}"
     else:
         yield f"  {NO_FORMULAS}"
-    for power in powers(solution):
+    for power in fractional_powers(solution):
         yield "  u is like r^({exponent}) at ({x:.6g}, {y:.6g})".format(**power)
-    contact_set = polygon_record(solution, certificate)["contact"]
+    contact_set = make_polygon_record(solution, certificate)["contact"]
     for side, (gap, flux) in enumerate(zip(texts["gap"], texts["lambda"], strict=True)):
-        (a, b), (c, d) = polygon.point(side, 0), polygon.point(side, 1)
+        (a, b) = polygon.point(side, 0)
+        (c, d) = polygon.point(side, 1)
         intervals = [interval for interval in contact_set if interval["side"] == side]
         is_clamped = side in solution.clamped_sides
         if is_clamped:
             kind = "clamped: u is given there"
-        elif len(intervals) > MOST_INTERVALS:
+        elif len(intervals) > MAX_PRINTED_INTERVALS:
             kind = f"contact on {len(intervals)} intervals"
         else:
             ends = ["{start:.6g} to {end:.6g}".format(**interval) for interval in intervals]
@@ -201,15 +216,15 @@ def _on_polygon(solution: ExactSolution, certificate: Certificate) -> Iterator[s
             yield f"    lambda = {flux if intervals else 0}"
 
 
-def regularity(solution: ExactSolution) -> dict[str, bool]:
+def case_regularity(solution: ExactSolution) -> dict[str, bool]:
     """The regularity of u and lambda: what all atoms have."""
-    return {name: all(getattr(atom.regularity, name) for atom in solution.atoms) for name in REGULARITY}
+    return {name: all(getattr(atom.regularity, name) for atom in solution.atoms) for name in REGULARITY_TEXTS}
 
 
-def powers(solution: ExactSolution) -> list[dict[str, Any]]:
+def fractional_powers(solution: ExactSolution) -> list[dict[str, Any]]:
     """The points (x, y) about which u is like a fractional power of the distance."""
     return [
         {"x": float(atom.centre[0]), "y": float(atom.centre[1]), "exponent": str(atom.beta)}
         for atom in solution.atoms
-        if isinstance(atom, Polar)
+        if isinstance(atom, PolarAtom)
     ]

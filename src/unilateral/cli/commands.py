@@ -10,52 +10,54 @@ from typing import Any
 import click
 
 from unilateral.cli.arguments import (
-    FILE,
-    FOLDER,
-    as_json,
+    FILE_TYPE,
+    FOLDER_TYPE,
     complete_polygon,
     complete_problem,
-    count,
-    examples,
-    positive,
-    sides,
+    format_examples,
+    json_option,
+    parse_count,
+    parse_positive,
+    parse_sides,
 )
-from unilateral.cli.guard import say
+from unilateral.cli.guard import print_result
 from unilateral.system.optional import require
 
 FORMATS = ("text", "json", "python", "ufl")
 
 
-@click.command(epilog=examples("unilateral init my_problem.yaml"))
-@click.argument("file", type=FILE, help="a new file, such as my_problem.yaml")
-def init(file: str) -> None:
+@click.command(epilog=format_examples("unilateral init my_problem.yaml"))
+@click.argument("file", type=FILE_TYPE, help="a new file, such as my_problem.yaml")
+def init_command(file: str) -> None:
     """Write a commented problem file to start from."""
     from unilateral.cli import init_check
-    from unilateral.system.files import sized
+    from unilateral.system.files import format_file_size
 
-    init_check.init(file)
-    say(f"written: {file}, {sized(file)}; edit it, then type: unilateral check {file}")
+    init_check.write_template(file)
+    print_result(f"written: {file}, {format_file_size(file)}; edit it, then type: unilateral check {file}")
 
 
 @click.command(
-    epilog=examples(
+    epilog=format_examples(
         "unilateral init my_problem.yaml", "unilateral check my_problem.yaml --out my_problem.svg"
     )
 )
-@click.argument("file", type=FILE, help="a YAML file that declares a problem")
-@click.option("--out", type=FILE, metavar="PICTURE", help="a .svg, .png or .pdf file in which it is drawn")
-def check(file: str, out: str | None) -> None:
+@click.argument("file", type=FILE_TYPE, help="a YAML file that declares a problem")
+@click.option(
+    "--out", type=FILE_TYPE, metavar="PICTURE", help="a .svg, .png or .pdf file in which it is drawn"
+)
+def check_command(file: str, out: str | None) -> None:
     """Show how a problem file is read, before anything is solved."""
     from unilateral.cli import init_check
-    from unilateral.system.files import sized
+    from unilateral.system.files import format_file_size
 
-    say(init_check.check(file, out))
+    print_result(init_check.describe_problem_file(file, out))
     if out is not None:
-        say(f"  written     {out}, {sized(out)}")
+        print_result(f"  written     {out}, {format_file_size(out)}")
 
 
 @click.command(
-    epilog=examples(
+    epilog=format_examples(
         "unilateral cases",
         "unilateral cases natural",
         "unilateral cases thirds --polygon lshape --side 1 --format python",
@@ -85,34 +87,34 @@ def check(file: str, out: str | None) -> None:
 @click.option(
     "--side", type=int, metavar="I", help="for one case: the side on which it is placed (default 0)"
 )
-def cases(name: str | None, form: str, polygon: str | None, side: int | None) -> None:
+def cases_command(name: str | None, form: str, polygon: str | None, side: int | None) -> None:
     """List the manufactured cases, or show one with its formulas.
 
     The formats python and ufl are for one polygon, by default the first that the case is made for.
     """
     if name is None:
-        of_one_case = {
+        case_options = {
             "--polygon": polygon is not None,
             "--side": side is not None,
             f"--format {form}": form in ("python", "ufl"),
         }
-        for option, is_given in of_one_case.items():
+        for option, is_given in case_options.items():
             if is_given:
                 raise click.UsageError(f"{option} is for one case; name it, such as natural")
     from unilateral.cli import cases as catalogue
-    from unilateral.system.as_json import text as as_text
+    from unilateral.system.json_records import encode_json
 
     if name is not None:
-        say(catalogue.show(name, polygon, side or 0, form))
+        print_result(catalogue.render_case(name, polygon, side or 0, form))
     elif form == "json":
-        say(as_text(catalogue.records()))
+        print_result(encode_json(catalogue.make_catalogue_record()))
     else:
-        for line in catalogue.listing():
-            say(line)
+        for line in catalogue.list_cases():
+            print_result(line)
 
 
 @click.command(
-    epilog=examples(
+    epilog=format_examples(
         "unilateral export natural --h 1/16 --H 1/8 --levels 2 --out natural",
         "unilateral export thirds --polygon lshape --side 4 --h 1/8 --H 1/4 --out thirds",
     )
@@ -120,15 +122,19 @@ def cases(name: str | None, form: str, polygon: str | None, side: int | None) ->
 @click.argument(
     "case", shell_complete=complete_problem, help="a case's name, or a YAML file that declares a case"
 )
-@click.option("--h", type=positive, metavar="EDGE", help="longest boundary edge on the finest level")
+@click.option("--h", type=parse_positive, metavar="EDGE", help="longest boundary edge on the finest level")
 @click.option(
-    "--H", "H", type=positive, metavar="CELL", required=True, help="longest cell on the finest level"
+    "--H", "H", type=parse_positive, metavar="CELL", required=True, help="longest cell on the finest level"
 )
 @click.option(
-    "--levels", type=count, metavar="N", default=1, help="number of levels; each halves h and H (default 1)"
+    "--levels",
+    type=parse_count,
+    metavar="N",
+    default=1,
+    help="number of levels; each halves h and H (default 1)",
 )
 @click.option(
-    "--mesh", type=FILE, metavar="FILE", help="your own mesh as the coarsest level, in place of --h"
+    "--mesh", type=FILE_TYPE, metavar="FILE", help="your own mesh as the coarsest level, in place of --h"
 )
 @click.option(
     "--polygon",
@@ -141,18 +147,18 @@ def cases(name: str | None, form: str, polygon: str | None, side: int | None) ->
 )
 @click.option(
     "--free-sides",
-    type=sides,
+    type=parse_sides,
     metavar="I,J,...",
     help="sides without contact that become free (Neumann) sides",
 )
 @click.option(
     "--out",
-    type=FOLDER,
+    type=FOLDER_TYPE,
     metavar="DIR",
     required=True,
     help="a new folder for all files; one that is there is refused",
 )
-def export(h: float | None, mesh: str | None, **options: Any) -> None:
+def export_command(h: float | None, mesh: str | None, **options: Any) -> None:
     """Write a case as files for another solver.
 
     They are meshes, data and formulas.
@@ -162,31 +168,36 @@ def export(h: float | None, mesh: str | None, **options: Any) -> None:
         raise click.UsageError("export needs either --h or --mesh")
     from unilateral.cli import exchange
 
-    exchange.export(h=h, mesh=mesh, **options)
+    exchange.run_export(h=h, mesh=mesh, **options)
 
 
 @click.command(
-    epilog=examples(
+    epilog=format_examples(
         "unilateral export natural --h 1/8 --H 1/4 --out natural",
         "unilateral solve natural --h 1/8 --H 1/4 -o solution.vtu",
         "unilateral score natural solution.vtu",
     )
 )
-@click.argument("folder", type=FOLDER, metavar="DIR", help="the folder that `unilateral export` wrote")
+@click.argument("folder", type=FOLDER_TYPE, metavar="DIR", help="the folder that `unilateral export` wrote")
 @click.argument(
-    "solutions", type=FILE, metavar="SOLUTION...", nargs=-1, required=True, help="one file for each level"
+    "solutions",
+    type=FILE_TYPE,
+    metavar="SOLUTION...",
+    nargs=-1,
+    required=True,
+    help="one file for each level",
 )
 @click.option(
     "--multiplier",
     "multipliers",
-    type=FILE,
+    type=FILE_TYPE,
     metavar="FILE",
     multiple=True,
     help="a CSV file with the columns start, end, multiplier; repeat it for each solution",
 )
-@click.option("--html", type=FILE, metavar="FILE", help="also write a page with plots")
-@as_json
-def score(**options: Any) -> int:
+@click.option("--html", type=FILE_TYPE, metavar="FILE", help="also write a page with plots")
+@json_option
+def score_command(**options: Any) -> int:
     """Judge another solver's solutions of an exported case.
 
     Printed are errors, rates, and what is wrong.
@@ -194,21 +205,21 @@ def score(**options: Any) -> int:
     require("'unilateral score' needs", "gmsh", "meshio", "pandas", "xarray")
     from unilateral.cli import exchange
 
-    return exchange.score(**options)
+    return exchange.run_score(**options)
 
 
 @click.command(
-    epilog=examples(
+    epilog=format_examples(
         "unilateral infsup --polygon square --h 1/16 --H 1/8",
         "unilateral export natural --h 1/16 --H 1/8 --out natural",
         "unilateral infsup --mesh natural/level_0/mesh.msh --cells 8",
         "unilateral infsup --mesh natural/level_0/mesh.msh --cells natural/level_0/partition.csv",
     )
 )
-@click.option("--mesh", type=FILE, metavar="FILE", help="your own triangles, in most formats of meshio")
+@click.option("--mesh", type=FILE_TYPE, metavar="FILE", help="your own triangles, in most formats of meshio")
 @click.option(
     "--h",
-    type=positive,
+    type=parse_positive,
     metavar="EDGE",
     help="in place of --mesh: the longest boundary edge of a mesh that is made",
 )
@@ -220,13 +231,15 @@ def score(**options: Any) -> int:
 )
 @click.option(
     "--cells",
-    type=FILE,
+    type=FILE_TYPE,
     metavar="N|FILE",
     help="N equal cells per side, or a CSV file with the columns start, end",
 )
-@click.option("--H", "H", type=positive, metavar="CELL", help="in place of --cells: the size of equal cells")
-@as_json
-def infsup(**options: Any) -> None:
+@click.option(
+    "--H", "H", type=parse_positive, metavar="CELL", help="in place of --cells: the size of equal cells"
+)
+@json_option
+def infsup_command(**options: Any) -> None:
     """Check whether a mesh and a partition are stable.
 
     Computed are the constants of Lemma 3.1: beta is the inf-sup constant in H^(-1/2), between bounds up to
@@ -235,9 +248,9 @@ def infsup(**options: Any) -> None:
     that break it are named.
     """
     require("'unilateral infsup' needs", "gmsh")
-    for one, other in (("mesh", "h"), ("cells", "H")):
-        if (options[one] is None) == (options[other] is None):
-            raise click.UsageError(f"infsup needs either --{one} or --{other}")
-    from unilateral.cli.infsup import run
+    for name, alternative in (("mesh", "h"), ("cells", "H")):
+        if (options[name] is None) == (options[alternative] is None):
+            raise click.UsageError(f"infsup needs either --{name} or --{alternative}")
+    from unilateral.cli.infsup import run_infsup
 
-    run(**options)
+    run_infsup(**options)

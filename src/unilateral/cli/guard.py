@@ -19,21 +19,23 @@ from typing import TextIO
 
 import click
 
-from unilateral.errors import InputError, SolutionWarning, shown
-from unilateral.system.signals import INTERRUPTED, cleaning_up
+from unilateral.errors import InputError, SolutionWarning, quote_input
+from unilateral.system.signals import EXIT_INTERRUPTED, cleaning_up
 
-DOES_NOT_HOLD, NOT_CONVERGED, FAILED = 1, 3, 4
+EXIT_REJECTED = 1
+EXIT_NOT_CONVERGED = 3
+EXIT_FAILED = 4
 """Exit codes: what is judged fails; not converged or out of budget; the system or this program failed."""
-COMPLETE = "_UNILATERAL_COMPLETE"
+COMPLETION_VARIABLE = "_UNILATERAL_COMPLETE"
 """The variable that a shell sets to ask for completions, as click names it."""
-NAMES = {
+LETTER_NAMES = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "ε": "epsilon", "λ": "lambda", "μ": "mu",
     "ν": "nu", "π": "pi", "ρ": "rho", "σ": "sigma", "τ": "tau", "ω": "omega", "Λ": "Lambda", "Π": "Pi",
     "Σ": "sum ", "Ω": "Omega", "∂": "d", "‖": "||", "⟨": "<", "⟩": ">", "≤": "<=", "≥": ">=", "→": "->",
     "×": "x", "·": "*", "√": "sqrt", "²": "^2", "–": "-", "°": " degrees",
 }  # fmt: skip
 """How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
-ARGUMENT = re.compile(
+ARGUMENT_PATTERN = re.compile(
     r"\b(absolute|algorithm|max_memory|max_seconds|max_steps|max_unknowns|polygon|rho)=([0-9.]?)"
 )
 
@@ -41,13 +43,13 @@ ARGUMENT = re.compile(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code."""
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: tell(message)
+        warnings.showwarning = lambda message, *_, **__: print_message(message)
         warnings.simplefilter("ignore", SolutionWarning)  # `solve` prints what they say
-        code = run_guarded(lambda: run(sys.argv[1:] if arguments is None else arguments))
-        return run_guarded(flush_output) or code
+        code = run_safely(lambda: run_command(sys.argv[1:] if arguments is None else arguments))
+        return run_safely(flush_output) or code
 
 
-def run_guarded(action: Callable[[], int]) -> int:
+def run_safely(action: Callable[[], int]) -> int:
     """The action's exit code, or that of its failure, which is told in one line."""
     try:
         return action()
@@ -55,35 +57,37 @@ def run_guarded(action: Callable[[], int]) -> int:
         error.show()
         return error.exit_code
     except InputError as error:
-        tell(error)
+        print_message(error)
         return error.exit_code
     except KeyboardInterrupt:
-        tell("interrupted")
-        return INTERRUPTED
+        print_message("interrupted")
+        return EXIT_INTERRUPTED
     except BrokenPipeError:
-        abandon(sys.stdout)
+        abandon_stream(sys.stdout)
         return 0
     except Exception as error:
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            tell(f"{shown(error.filename)} is too long for the name of a file")
+            print_message(f"{quote_input(error.filename)} is too long for the name of a file")
             return InputError.exit_code
         if is_interrupt(error):
-            tell("interrupted")
-            return INTERRUPTED
-        tell(describe_failure(error))
-        abandon(sys.stdout)
-        return FAILED
+            print_message("interrupted")
+            return EXIT_INTERRUPTED
+        print_message(describe_failure(error))
+        abandon_stream(sys.stdout)
+        return EXIT_FAILED
 
 
-def run(arguments: Sequence[str]) -> int:
+def run_command(arguments: Sequence[str]) -> int:
     """Run click's commands; the exit code. `click.Command.main` would take KeyboardInterrupt for itself."""
     prepare_streams()
     from unilateral.cli.application import application
 
-    if COMPLETE in os.environ:
+    if COMPLETION_VARIABLE in os.environ:
         from click.shell_completion import shell_complete
 
-        return shell_complete(application, {}, "unilateral", COMPLETE, os.environ[COMPLETE])
+        return shell_complete(
+            application, {}, "unilateral", COMPLETION_VARIABLE, os.environ[COMPLETION_VARIABLE]
+        )
     try:
         with cleaning_up(), application.make_context("unilateral", [*arguments]) as context:
             return application.invoke(context) or 0
@@ -106,7 +110,7 @@ def is_interrupt(error: BaseException | None) -> bool:
 
 
 def describe_failure(error: Exception) -> str:
-    """What failed, for a failure that is not the fault of the input."""
+    """A sentence on a failure that is not the fault of the input."""
     if isinstance(error, MemoryError):
         return "there is not enough memory; take larger sizes --h and --H or a smaller --max-unknowns"
     if isinstance(error, OSError):
@@ -119,27 +123,29 @@ def describe_failure(error: Exception) -> str:
     return f"this program or a library failed, not the input: {type(error).__name__}: {error} ({place})"
 
 
-def say(text: str) -> None:
+def print_result(text: str) -> None:
     """Prints a text on standard output, at once."""
     print(text, flush=True)
 
 
-def tell(message: object) -> None:
+def print_message(message: object) -> None:
     """Prints one line on standard error, where that can be written."""
     try:
-        print("unilateral:", *as_options(str(message)).split(), file=sys.stderr, flush=True)
+        print("unilateral:", *rewrite_as_options(str(message)).split(), file=sys.stderr, flush=True)
     except OSError:
-        abandon(sys.stderr)
+        abandon_stream(sys.stderr)
 
 
-def as_options(message: str) -> str:
+def rewrite_as_options(message: str) -> str:
     """The library's arguments, such as max_unknowns=9, as what is typed here: --max-unknowns 9."""
 
-    def option(argument: re.Match[str]) -> str:
-        name, value = argument[1].replace("_", "-"), argument[2]
+    def write_option(argument: re.Match[str]) -> str:
+        """The option of an argument, and the first letter of its value."""
+        name = argument[1].replace("_", "-")
+        value = argument[2]
         return f"--{name} {value}" if value else f"--{name}"
 
-    return ARGUMENT.sub(option, message)
+    return ARGUMENT_PATTERN.sub(write_option, message)
 
 
 def prepare_streams() -> None:
@@ -161,12 +167,12 @@ def name_letter(error: UnicodeError) -> tuple[str | bytes, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letter = error.object[error.start]
-    if letter not in NAMES:
+    if letter not in LETTER_NAMES:
         return codecs.backslashreplace_errors(error)
-    return NAMES[letter], error.start + 1
+    return LETTER_NAMES[letter], error.start + 1
 
 
-def abandon(stream: TextIO | None) -> None:
+def abandon_stream(stream: TextIO | None) -> None:
     """Drops what a stream still holds, on which Python would fail once more at its end."""
     with suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())  # type: ignore[union-attr]

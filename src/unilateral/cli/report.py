@@ -16,36 +16,41 @@ from unilateral.adaptive.level import NOT_ENCLOSED, Level
 from unilateral.adaptive.loop import Search
 from unilateral.adaptive.marking import refinement_pays
 from unilateral.bounds.forces import Force
-from unilateral.cli.guard import as_options
-from unilateral.errors import counted
-from unilateral.formulas.decimals import down, guaranteed, interval, up
+from unilateral.cli.guard import rewrite_as_options
+from unilateral.errors import pluralise
+from unilateral.formulas.decimals import add_guarantee, format_down, format_interval, format_up
 from unilateral.problems.problem import Problem
-from unilateral.solution.bounds import Bounds, Named, energy, relative, sizes
-from unilateral.solution.summary import LINEAR
-from unilateral.system.files import sized
+from unilateral.solution.bounds import (
+    Bounds,
+    NormNames,
+    name_energy_norm,
+    name_solution_norms,
+    relative_bound,
+)
+from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
+from unilateral.system.files import format_file_size
 
-DIGITS = ".4e"
+NUMBER_FORMAT = ".4e"
 """The format of errors, bounds and forces."""
-NARROW = 1e-4
+NARROW_FORCE_RATIO = 1e-4
 """A force whose interval is narrower than this part of it is printed with the digits that are known."""
-SIDES, INTERVALS = 12, 4
-"""Forces are computed, and the contact on sides is printed, for at most SIDES sides.
-
-At most INTERVALS intervals of a side are printed.
-"""
+MAX_FORCE_SIDES = 12
+MAX_INTERVALS_PER_SIDE = 4
+"""Forces and the contact of sides are computed and printed for at most so many sides, and intervals."""
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
 WITHOUT_REACTION = "errors are in the norm {}, as c = 0, and ||.||_-1/2 is its dual norm"
-COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
+LEVEL_COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
 
-def head(found: dict[str, Any]) -> str:
-    ratio = found["h"] / found["H"]
-    return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
+def format_head(record: dict[str, Any]) -> str:
+    """First line of a result: the problem, h, H and their ratio."""
+    ratio = record["h"] / record["H"]
+    return f"{record['problem']}: h = {record['h']:.6g}, H = {record['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def errors_of(problem: Problem) -> Named:
+def name_errors(problem: Problem) -> NormNames:
     """The names of the errors that are bounded."""
-    return Named(energy(problem, "u - u_h"), "||lambda - lambda_H||_-1/2")
+    return NormNames(name_energy_norm(problem, "u - u_h"), "||lambda - lambda_H||_-1/2")
 
 
 class ForceRow(NamedTuple):
@@ -56,171 +61,196 @@ class ForceRow(NamedTuple):
     force: Force
 
 
-def table(
-    found: dict[str, Any],
+def format_result(
+    record: dict[str, Any],
     bounds: Bounds | None,
-    least: dict[str, float],
+    norms_below: dict[str, float],
     forces: Sequence[ForceRow],
-    doubt: str,
+    nonuniqueness: str,
     problem: Problem,
 ) -> str:
-    """Rows for a reader: what was found with its bounds.
+    """Rows for a reader: unknowns, errors, bounds, contact, forces and cost.
 
-    `least` are lower bounds on the norms of the solution, by the names of norms. `doubt` is what is told of a
-    lambda_H that may not be unique, else empty.
+    `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` are
+    words on a lambda_H that may not be unique, else empty.
     """
-    steps = "" if _unknown(found["iterations"]) else f", after {counted(found['iterations'], 'step')}"
-    outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
-    algebraic = guaranteed(
-        f"algebraic error {interval(-math.inf, found['algebraic_bound'], spec=DIGITS)}",
+    steps = "" if _is_unknown(record["iterations"]) else f", after {pluralise(record['iterations'], 'step')}"
+    outcome = "converged" if record["converged"] else "NOT converged"
+    unique = record["unique"]
+    algebraic = add_guarantee(
+        f"algebraic error {format_interval(-math.inf, record['algebraic_bound'], spec=NUMBER_FORMAT)}",
         -math.inf,
-        found["algebraic_bound"],
+        record["algebraic_bound"],
     )
-    rows = {"unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}"}
-    if not found["foreign"]:
-        rows[f"{found['algorithm']} {outcome}"] = algebraic + steps
-    if found["multipliers"] and not _unknown(found["hm12_algebraic_bound"]):
-        bound = found["hm12_algebraic_bound"]
-        of_lambda = f"{interval(-math.inf, bound, spec=DIGITS)} in H^(-1/2)"
-        of_beta = f"as beta >= {down(found['beta'], '.3f')}"
-        rows["that of lambda_H"] = f"{guaranteed(of_lambda, -math.inf, bound)}, {of_beta}"
-    if not _unknown(found["h1_error"]):
-        rows |= _errors(found, unique, errors_of(problem))
+    rows = {"unknowns": f"{record['unknowns']} and {pluralise(record['multipliers'], 'multiplier')}"}
+    if not record["foreign"]:
+        rows[f"{record['algorithm']} {outcome}"] = algebraic + steps
+    if record["multipliers"] and not _is_unknown(record["hm12_algebraic_bound"]):
+        # ||mu||_-1/2 <= ||mu||_-1/2,h / beta, by (3.4)
+        bound = record["hm12_algebraic_bound"]
+        bound_text = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
+        beta_text = f"as beta >= {format_down(record['beta'], '.3f')}"
+        rows["that of lambda_H"] = f"{add_guarantee(bound_text, -math.inf, bound)}, {beta_text}"
+    if not _is_unknown(record["h1_error"]):
+        rows |= _true_error_rows(record, unique, name_errors(problem))
     if bounds is not None:
         label = "guaranteed" if bounds.u < math.inf else "error of u"
-        rows[label] = _bounded("h1", bounds.u, least["h1"], problem)
-        if found["multipliers"]:
+        rows[label] = _format_error_bound("h1", bounds.u, norms_below["h1"], problem)
+        if record["multipliers"]:
             label = "also guaranteed" if bounds.multiplier < math.inf else "error of lambda"
-            rows[label] = _bounded("hm12", bounds.multiplier, least["hm12"], problem)
-        enclosed = f"at most {up(bounds.unknown, '.1e')} for approximating f, g and q"
+            rows[label] = _format_error_bound("hm12", bounds.multiplier, norms_below["hm12"], problem)
+        enclosed = f"at most {format_up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
-    rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
+    rows |= _contact_rows(record["contact"]) if record["multipliers"] else {"contact": LINEAR_PROBLEM_NOTE}
     for row in forces:
         value, lower, upper = row.force
-        spec = "" if 0 < upper - lower < NARROW * abs(value) else DIGITS
-        rows[row.label] = interval(lower, upper, value, spec)
-    if doubt:
-        rows["lambda_H"] = doubt
-    rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
+        # a narrow interval is printed with as many digits as are known
+        spec = "" if 0 < upper - lower < NARROW_FORCE_RATIO * abs(value) else NUMBER_FORMAT
+        rows[row.label] = format_interval(lower, upper, value, spec)
+    if nonuniqueness:
+        rows["lambda_H"] = nonuniqueness
+    rows["time and memory"] = f"{record['seconds']:.2f} s, {record['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 
 
-def _bounded(norm: str, bound: float, size: float, problem: Problem) -> str:
-    """A bound on the error in a norm, and, where that is known to be `size` or more, on the relative one."""
-    error = getattr(errors_of(problem), norm)
+def _format_error_bound(norm: str, bound: float, norm_below: float, problem: Problem) -> str:
+    """A bound on the error in a norm as text, and the relative one where the norm is known to be positive."""
+    error = getattr(name_errors(problem), norm)
     if not bound < math.inf:
         return f"{error} is unknown"
-    text = f"{error} <= {up(bound, DIGITS)}"
-    if size > 0:
-        share, named = up(relative(bound, size), ".3g"), getattr(sizes(problem), norm)
-        text += f" <= {share} {named}, {named} >= {down(size, DIGITS)}"
+    text = f"{error} <= {format_up(bound, NUMBER_FORMAT)}"
+    if norm_below > 0:
+        share = format_up(relative_bound(bound, norm_below), ".3g")
+        size = getattr(name_solution_norms(problem), norm)
+        text += f" <= {share} {size}, {size} >= {format_down(norm_below, NUMBER_FORMAT)}"
     return text
 
 
-def written(file: Path) -> str:
+def format_file_row(file: Path) -> str:
     """The row of a file that was written."""
-    return f"  {'written':27} {file}, {sized(file)}"
+    return f"  {'written':27} {file}, {format_file_size(file)}"
 
 
-def _contact(found: dict[str, Any]) -> dict[str, str]:
+def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
     """The rows of the contact set: one, and one for each side in contact unless there are too many."""
-    if found["full"]:
-        return {"contact": f"the whole boundary, length {found['length']:.6g}"}
-    rows = {"contact": f"length {found['length']:.6g}" if found["intervals"] else "none"}
-    sides = sorted({each["side"] for each in found["intervals"]})
-    for side in sides if len(found["lengths"]) <= SIDES else ():
-        of = [each for each in found["intervals"] if each["side"] == side]
-        shown = ", ".join(f"{each['start']:.6g} to {each['end']:.6g}" for each in of[:INTERVALS])
-        more = f" and {len(of) - INTERVALS} more" if len(of) > INTERVALS else ""
-        rows[f"contact, side {side}"] = f"{shown}{more}; length {found['lengths'][side]:.6g}"
+    if contact_record["full"]:
+        return {"contact": f"the whole boundary, length {contact_record['length']:.6g}"}
+    rows = {"contact": f"length {contact_record['length']:.6g}" if contact_record["intervals"] else "none"}
+    sides = sorted({interval["side"] for interval in contact_record["intervals"]})
+    for side in sides if len(contact_record["lengths"]) <= MAX_FORCE_SIDES else ():
+        intervals = [interval for interval in contact_record["intervals"] if interval["side"] == side]
+        listed = ", ".join(
+            f"{interval['start']:.6g} to {interval['end']:.6g}"
+            for interval in intervals[:MAX_INTERVALS_PER_SIDE]
+        )
+        omitted = (
+            f" and {len(intervals) - MAX_INTERVALS_PER_SIDE} more"
+            if len(intervals) > MAX_INTERVALS_PER_SIDE
+            else ""
+        )
+        rows[f"contact, side {side}"] = f"{listed}{omitted}; length {contact_record['lengths'][side]:.6g}"
     return rows
 
 
-def _errors(found: dict[str, Any], unique: bool, names: Named) -> dict[str, str]:
+def _true_error_rows(record: dict[str, Any], unique: bool, names: NormNames) -> dict[str, str]:
     """The rows of the true errors."""
 
-    def number(key: str, written: Callable[[float, str], str] = format) -> str:
-        return why if _unknown(found[key]) else written(found[key], DIGITS)
+    def format_error(key: str, to_text: Callable[[float, str], str] = format) -> str:
+        """An error as text, or why it is not known."""
+        return why if _is_unknown(record[key]) else to_text(record[key], NUMBER_FORMAT)
 
     why = (
         "undefined, because lambda is not in L2" if unique else "not judged, because beta is 0 up to rounding"
     )
-    dual = f">= {number('hm12_error_lower', down)}" if unique else f" = {why}"
-    if unique and _unknown(found["hm12_error_lower"]):
+    dual = f">= {format_error('hm12_error_lower', format_down)}" if unique else f" = {why}"
+    if unique and _is_unknown(record["hm12_error_lower"]):
         dual = " is left out, because it takes longer than the solve or needs gmsh; in Python: s.errors"
-    if not _unknown(found["hm12_error_upper"]):
-        dual += f", <= {number('hm12_error_upper', up)}"
-    of_lambda = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {number('l2_error')}"}
-    return {names.h1: f" = {number('h1_error')}"} | (of_lambda if found["multipliers"] else {})
+    if not _is_unknown(record["hm12_error_upper"]):
+        dual += f", <= {format_error('hm12_error_upper', format_up)}"
+    multiplier_rows = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {format_error('l2_error')}"}
+    return {names.h1: f" = {format_error('h1_error')}"} | (multiplier_rows if record["multipliers"] else {})
 
 
-def level_head(problem: Problem, first: Level) -> str:
-    """What is wanted, the columns' names and the first level."""
-    columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
-    error, size = (getattr(of, goal.norm) for of in (errors_of(problem), sizes(problem)))
-    wanted = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
-    return "\n".join([wanted, columns, level_line(first)])
+def format_first_level(problem: Problem, first: Level) -> str:
+    """The accuracy asked for, the headings of the columns, and the row of the first level."""
+    columns = "".join(f"{column:>12}" for column in LEVEL_COLUMNS)
+    goal = first.goal
+    error = getattr(name_errors(problem), goal.norm)
+    size = getattr(name_solution_norms(problem), goal.norm)
+    goal_text = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
+    return "\n".join([goal_text, columns, format_level(first)])
 
 
-def level_line(level: Level) -> str:
+def format_level(level: Level) -> str:
     """The row of a level."""
-    solved, mesh = level.solved, level.solved.mesh
+    solved = level.solved
+    mesh = level.solved.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
-    shown = [f"{size:.4g}" for size in sizes]
-    shown += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
-    wanted = down(level.target, ".4g") if level.target else f"{level.nothing:.4g}"
-    shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), wanted]
-    return "".join(f"{each:>12}" for each in shown)
+    entries = [f"{size:.4g}" for size in sizes]
+    entries += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
+    target = format_down(level.target, ".4g") if level.target else f"{level.zero_solution_error:.4g}"
+    entries += [format_up(level.algebraic, ".4g"), format_up(level.total, ".4g"), target]
+    return "".join(f"{entry:>12}" for entry in entries)
 
 
-def next_line(level: Level) -> str:
-    """What the next level is expected to take, with the two digits that a prediction may have."""
+def format_forecast(level: Level) -> str:
+    """Line on the unknowns and seconds that the next level is expected to take."""
     return f"  next: about {level.next_unknowns:.2g} unknowns, {level.next_seconds:.2g} s"
 
 
-def ending(search: Search, problem: Problem) -> str:
+def describe_ending(search: Search, problem: Problem) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
-    best, norm = search.best, search.best.goal.norm
+    best = search.best
+    norm = search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    reached = _bounded(norm, best.total, best.size, problem)
+    reached = _format_error_bound(norm, best.total, best.size, problem)
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)
     if bound and search.ended == NOT_ENCLOSED:
+        remainder = format_up(bound.data_remainder, NUMBER_FORMAT)
         return (
-            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {up(bound.unknown, DIGITS)} of this bound "
-            f"is for approximating them, and the rest, {best.total - bound.unknown:{DIGITS}}, "
-            "is only an estimate"
+            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {remainder} of this bound is for "
+            f"approximating them, and the rest, {best.total - bound.data_remainder:{NUMBER_FORMAT}}, is only "
+            "an estimate"
         )
-    needed = f"; that needs {amounts(search.plan)}" if search.plan else ""
-    return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}"
+    needed = f"; that needs {format_plan(search.plan)}" if search.plan else ""
+    return (
+        f"  NOT certified, {rewrite_as_options(search.ended)}: {reached}{needed}{_suggest_accuracy(search)}"
+    )
 
 
-def _reach(search: Search) -> str:
+def _suggest_accuracy(search: Search) -> str:
     return f"; try --accuracy {search.reach:g}" if search.reach else ""
 
 
-def rounded(plan: Plan) -> Plan:
-    """The plan, with the two digits that a prediction may have."""
-    unknowns, seconds, mb = (float(f"{x:.2g}") for x in (plan.unknowns, plan.seconds, plan.peak_mb))
+def round_plan(plan: Plan) -> Plan:
+    """The plan with numbers of two digits, as many as a prediction may have."""
+    unknowns = float(f"{plan.unknowns:.2g}")
+    seconds = float(f"{plan.seconds:.2g}")
+    mb = float(f"{plan.peak_mb:.2g}")
     return replace(plan, unknowns=round(unknowns), seconds=seconds, peak_mb=mb)
 
 
-def amounts(plan: Plan) -> str:
-    of = rounded(plan)
-    return f"about {of.unknowns:g} unknowns, {of.seconds:g} s and {of.peak_mb:g} MB"
+def format_plan(plan: Plan) -> str:
+    """Unknowns, seconds and memory of a plan as text."""
+    rounded = round_plan(plan)
+    return f"about {rounded.unknowns:g} unknowns, {rounded.seconds:g} s and {rounded.peak_mb:g} MB"
 
 
-def planned(name: str, search: Search, as_json: bool) -> str:
-    """What a dry run found, as text or as JSON, with null for what is unknown."""
-    plan, last = search.plan, search.levels[-1]
+def describe_plan(name: str, search: Search, as_json: bool) -> str:
+    """Text of a dry run's plan, or a JSON object with null for what is unknown."""
+    plan = search.plan
+    last = search.levels[-1]
     if as_json:
-        found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}
-        return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})
+        plan_fields = asdict(round_plan(plan)) if plan else {field.name: None for field in fields(Plan)}
+        return json.dumps(
+            {"problem": name, **plan_fields, "ended": search.ended or None, "reach": search.reach}
+        )
     if plan is None:
         why = search.ended or "because too little is known yet about the size of the solution or of the error"
-        return f"  plan: unknown, {as_options(why)}"
+        return f"  plan: unknown, {rewrite_as_options(why)}"
     fits = f"; not within {', '.join(plan.missed)}" if plan.missed else ", within the limits"
     if plan.adapted:
         why = "adapted meshes, because a few triangles contribute most of the bound"
@@ -229,8 +259,10 @@ def planned(name: str, search: Search, as_json: bool) -> str:
     else:
         why = "uniform meshes, because all triangles contribute much the same to the bound"
     rule = "H = 2h, because lambda_H may be unstable where edges are longer than half of a cell"
-    return f"  plan: {amounts(plan)}{as_options(fits)}{_reach(search)}\n  {why}\n  {rule}"
+    return (
+        f"  plan: {format_plan(plan)}{rewrite_as_options(fits)}{_suggest_accuracy(search)}\n  {why}\n  {rule}"
+    )
 
 
-def _unknown(value: Any) -> bool:
+def _is_unknown(value: Any) -> bool:
     return isinstance(value, float) and not math.isfinite(value)

@@ -15,63 +15,68 @@ import numpy as np
 
 from unilateral import api
 from unilateral.adaptive import loop
-from unilateral.adaptive.goal import ACCURACY, NORMS
+from unilateral.adaptive.goal import DEFAULT_ACCURACY, GOAL_NORMS
 from unilateral.adaptive.level import Level
-from unilateral.adaptive.loop import WITHDRAWN
-from unilateral.certificates.export import CERTIFICATE_ENDINGS, checker_of
+from unilateral.adaptive.loop import BOUNDS_WITHDRAWN
+from unilateral.certificates.export import CERTIFICATE_ENDINGS, find_checker
 from unilateral.certificates.statement import state_problem
-from unilateral.cli.guard import NOT_CONVERGED, say, tell
-from unilateral.cli.own_mesh import own_mesh
+from unilateral.cli.guard import EXIT_NOT_CONVERGED, print_message, print_result
+from unilateral.cli.mesh_options import read_mesh_option
 from unilateral.cli.report import (
+    MAX_FORCE_SIDES,
     NORMS_WITH_COEFFICIENTS,
-    SIDES,
     WITHOUT_REACTION,
     ForceRow,
-    ending,
-    head,
-    level_head,
-    level_line,
-    next_line,
-    planned,
-    table,
-    written,
+    describe_ending,
+    describe_plan,
+    format_file_row,
+    format_first_level,
+    format_forecast,
+    format_head,
+    format_level,
+    format_result,
 )
-from unilateral.errors import InputError, counted
-from unilateral.formulas.decimals import fields, interval
+from unilateral.errors import InputError, pluralise
+from unilateral.formulas.decimals import format_interval, interval_record
 from unilateral.formulas.expression import ONE, ZERO
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution.bounds import Bounds, energy, too_large
-from unilateral.solution.faults import flat_triangles, lift_dominates, not_converged, not_unique
-from unilateral.solution.files import ENDINGS
-from unilateral.solution.record import record as record_of
+from unilateral.solution.bounds import Bounds, explain_memory_shortage, name_energy_norm
+from unilateral.solution.files import SOLUTION_ENDINGS
+from unilateral.solution.record import make_solution_record
+from unilateral.solution.shortfalls import (
+    explain_dominant_lift,
+    explain_flat_triangles,
+    explain_nonconvergence,
+    explain_nonuniqueness,
+)
 from unilateral.solution.solution import Solution
 from unilateral.solvers.stop import Stop
-from unilateral.system import as_json
-from unilateral.system.files import check_target, writing_failed
-from unilateral.system.memory import keep_freed, peak_mb
-from unilateral.system.optional import lacking, require
-from unilateral.system.signals import INTERRUPTED
+from unilateral.system import json_records
+from unilateral.system.files import check_target, make_write_error
+from unilateral.system.memory import keep_freed_memory, peak_mb
+from unilateral.system.optional import find_missing_packages, require
+from unilateral.system.signals import EXIT_INTERRUPTED
 
-BY_DEFAULT = f"no sizes and no accuracy are given; using --accuracy {ACCURACY:g}"
-TOO_COARSE = (
+DEFAULT_ACCURACY_NOTE = f"no sizes and no accuracy are given; using --accuracy {DEFAULT_ACCURACY:g}"
+TOO_COARSE_HINT = (
     "the bound does not rule out an error as large as u itself; "
-    f"--accuracy {ACCURACY:g} in place of --h and --H refines the mesh where the bound comes from"
+    f"--accuracy {DEFAULT_ACCURACY:g} in place of --h and --H refines the mesh where the bound comes from"
 )
-LONG = 5.0
+MIN_ANNOUNCED_SECONDS = 5.0
 """A level that is expected to take this many seconds is announced on a terminal."""
-FEW = 512
+MAX_DUAL_ERROR_CELLS = 512
 """Up to this many cells the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
-KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
+OUT_FOLDER_FILES = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
 """The names of the files in the folder of --out."""
 
 
-def run(options: SimpleNamespace) -> int:
+def run_solve(options: SimpleNamespace) -> int:
     """Solve and report; the exit code. The `options` are those of the command, as click reads them."""
     sharp = options.sharp or options.norm == "hm12"
-    files = target_files(options.output, options.out, options.certificate)
-    keep_freed()
-    problem = _problem(options)
+    files = check_target_files(options.output, options.out, options.certificate)
+    keep_freed_memory()
+    problem = _read_problem(options)
     if options.certificate:
         state_problem(problem)  # refuses what a certificate cannot state
     solution = api.solve(
@@ -80,7 +85,7 @@ def run(options: SimpleNamespace) -> int:
         options.H,
         options.accuracy,
         norm=options.norm,
-        mesh=_mesh(options.mesh, problem),
+        mesh=_read_mesh_or_kind(options.mesh, problem),
         stop=Stop(
             tolerance=options.tolerance,
             max_steps=options.max_steps,
@@ -93,154 +98,165 @@ def run(options: SimpleNamespace) -> int:
         sharp=sharp,
         absolute=options.absolute,
         dry_run=options.dry_run,
-        tell=None if options.json else level_printer(problem, options.by_default),
+        tell=None if options.json else make_level_printer(problem, options.by_default),
         begin=options.begin,
     )
     search = solution.search
-    interrupted = search is not None and search.ended == loop.INTERRUPTED
+    interrupted = search is not None and search.ended == loop.ENDED_BY_INTERRUPT
     if search is not None and options.dry_run:
-        say(planned(problem.name, search, options.json))
-        return INTERRUPTED if interrupted else 0
-    on_own_mesh = options.mesh not in (None, *api.KINDS)
-    record, interrupted = report(solution, sharp, options.json, on_own_mesh, options.begin, interrupted)
+        print_result(describe_plan(problem.name, search, options.json))
+        return EXIT_INTERRUPTED if interrupted else 0
+    on_own_mesh = options.mesh not in (None, *api.MESH_KINDS)
+    record, interrupted = report_solution(
+        solution, sharp, options.json, on_own_mesh, options.begin, interrupted
+    )
     # Ctrl-C ends this at once, also after a search that it has ended
     write_files(solution, record, files, options.certificate, sharp, options.json)
     if interrupted:
-        return INTERRUPTED
-    return 0 if (solution.certified if search else solution.converged) else NOT_CONVERGED
+        return EXIT_INTERRUPTED
+    return 0 if (solution.certified if search else solution.converged) else EXIT_NOT_CONVERGED
 
 
-def certify(options: SimpleNamespace) -> int:
+def run_certify(options: SimpleNamespace) -> int:
     """Bound the errors of another program's solution; the exit code."""
-    files = target_files(options.output, None, options.certificate)
+    files = check_target_files(options.output, None, options.certificate)
     problem = api.load(options.problem)
     if options.certificate:
         state_problem(problem)  # refuses what a certificate cannot state
     if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
         raise InputError(f"--mesh is missing, because {options.solution} has no triangles")
     file = options.mesh or options.solution
-    mesh = own_mesh(file, problem.polygon, "--mesh" if options.mesh else "--solution", corners=True)
-    from unilateral.exchange.exported_folder import nodal_values_on
+    mesh = read_mesh_option(file, problem.polygon, "--mesh" if options.mesh else "--solution", corners=True)
+    from unilateral.exchange.exported_folder import read_field_at_nodes
 
-    u = nodal_values_on(mesh, file, options.solution, options.field)
+    u = read_field_at_nodes(mesh, file, options.solution, options.field)
     solution = api.certify(problem, mesh, u)
-    record, _ = report(solution, options.sharp, options.json, on_own_mesh=True, begin=options.begin)
+    record, _ = report_solution(solution, options.sharp, options.json, is_user_mesh=True, begin=options.begin)
     write_files(solution, record, files, options.certificate, options.sharp, options.json)
-    return 0 if record["h1_bound"] < math.inf else NOT_CONVERGED
+    return 0 if record["h1_bound"] < math.inf else EXIT_NOT_CONVERGED
 
 
-def _problem(options: SimpleNamespace) -> Problem:
-    """What is to be solved, with its free sides."""
+def _read_problem(options: SimpleNamespace) -> Problem:
+    """The problem or the case that the options name, with its free sides."""
     name = options.problem
-    problem = problem_file.problem_in(name)
+    problem = problem_file.load_if_problem(name)
     if problem is not None:
         for option in ("polygon", "side", "free_sides"):
             if getattr(options, option) is not None:
                 raise InputError(f"--{option.replace('_', '-')} is for cases; {name} declares a problem")
-        return problem.without_idle_sides() if options.leave_out_idle_sides else problem
+        return problem.make_idle_sides_free() if options.leave_out_idle_sides else problem
     if options.leave_out_idle_sides:
         raise InputError("--leave-out-idle-sides is for problem files; for a case use --free-sides")
     return api.case(name, options.polygon, options.side or 0, options.free_sides or ())
 
 
-def _mesh(kind_or_file: str | None, problem: Problem) -> Any:
+def _read_mesh_or_kind(kind_or_file: str | None, problem: Problem) -> Any:
     """The kind of mesh, or the mesh in a file of that name."""
-    if kind_or_file is None or kind_or_file in api.KINDS:
+    if kind_or_file is None or kind_or_file in api.MESH_KINDS:
         return kind_or_file or ""
     if not Path(kind_or_file).is_file():
         raise InputError(
             f"argument --mesh: '{kind_or_file}' is neither structured nor unstructured nor a file"
         )
-    return own_mesh(kind_or_file, problem.polygon)
+    return read_mesh_option(kind_or_file, problem.polygon)
 
 
-def level_printer(problem: Problem, by_default: bool) -> Callable[[Level], None]:
-    """A function that prints each level, the first one below a line that says what is wanted.
+def make_level_printer(problem: Problem, is_default_accuracy: bool) -> Callable[[Level], None]:
+    """A function that prints each level, the first one below a line with the accuracy that is asked for.
 
     On a terminal it announces a next level that is expected to take long.
     """
-    first = True
+    is_first = True
 
     def print_level(level: Level) -> None:
-        nonlocal first
-        if first and by_default:
-            say(BY_DEFAULT)
-        say(level_head(problem, level) if first else level_line(level))
-        first = False
-        if level.next_seconds >= LONG and sys.stderr.isatty():
-            print(next_line(level), file=sys.stderr, flush=True)
+        """Prints the row of a level."""
+        nonlocal is_first
+        if is_first and is_default_accuracy:
+            print_result(DEFAULT_ACCURACY_NOTE)
+        print_result(format_first_level(problem, level) if is_first else format_level(level))
+        is_first = False
+        if level.next_seconds >= MIN_ANNOUNCED_SECONDS and sys.stderr.isatty():
+            print(format_forecast(level), file=sys.stderr, flush=True)
 
     return print_level
 
 
-def report(
+def report_solution(
     solution: Solution,
     sharp: bool,
     json: bool,
-    on_own_mesh: bool,
+    is_user_mesh: bool,
     begin: float,
     interrupted: bool = False,
 ) -> tuple[dict[str, Any], bool]:
-    """Print what was found, as text or as `json`; its record, and whether there was an interrupt.
+    """Print a solution, as text or as `json`; its record, and whether there was an interrupt.
 
     After an interrupt true errors and forces are left out. One while they are computed ends this only where
     no accuracy was asked for. Seconds count from `begin` on.
     """
-    search, solved, problem = solution.search, solution.solved, solution.problem
-    refusal = too_large(solution, sharp)
+    search = solution.search
+    solved = solution.solved
+    problem = solution.problem
+    refusal = explain_memory_shortage(solution, sharp)
     bounds = None
     if refusal:
-        tell(refusal)
+        print_message(refusal)
     else:
         bounds = solution.sharp_bounds if sharp else solution.bounds
     if search:
         if search.refusal is not None:
-            tell(search.refusal)
+            print_message(search.refusal)
         withdrawn = len(search.levels) - len(search.believed)
         if withdrawn:
-            tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
+            print_message(f"{pluralise(withdrawn, 'bound')} {BOUNDS_WITHDRAWN}")
         if not json:
-            say(ending(search, problem))
-    errors, forces = None, []
+            print_result(describe_ending(search, problem))
+    # true errors and forces take long, and Ctrl-C after a search leaves them out
+    errors = None
+    forces = []
     if not interrupted:
         try:
-            with_dual = solution.partition.n_cells <= FEW and not lacking("gmsh")
+            with_dual = solution.partition.n_cells <= MAX_DUAL_ERROR_CELLS and not find_missing_packages(
+                "gmsh"
+            )
             errors = solution.true_errors(with_dual)
-            forces = force_rows(solution, sharp) if bounds else []
+            forces = list_force_rows(solution, sharp) if bounds else []
         except KeyboardInterrupt:
             if search is None:
                 raise
             interrupted = True
-    record = record_of(solution, bounds, errors, sharp) | {
-        "forces": {row.name: fields(*row.force) for row in forces} or None,
+    record = make_solution_record(solution, bounds, errors, sharp) | {
+        "forces": {row.name: interval_record(*row.force) for row in forces} or None,
         "seconds": time.perf_counter() - begin,
         "peak_mb": peak_mb(),
     }
-    doubt = "" if solution.unique else not_unique(solution.mesh, on_own_mesh)
+    doubt = "" if solution.unique else explain_nonuniqueness(solution.mesh, is_user_mesh)
     if doubt:
-        tell(f"lambda_H {doubt}")
+        print_message(f"lambda_H {doubt}")
     is_certified = search is not None and solution.certified
-    if bounds and not (sharp or is_certified) and (flat := flat_triangles(solution.bounded)):
-        tell(flat)
+    if bounds and not (sharp or is_certified) and (flat := explain_flat_triangles(solution.bounded)):
+        print_message(flat)
     if not (search or solution.converged):
-        tell(not_converged(solved))
-    if reason := lift_dominates(solution):
-        tell(reason)
+        print_message(explain_nonconvergence(solved))
+    if reason := explain_dominant_lift(solution):
+        print_message(reason)
     if json:
-        say(as_json.text(record))
+        print_result(json_records.encode_json(record))
         return record, interrupted
     if not search:
-        say(head(record))
-    if solved.foreign:
-        say(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
+        print_result(format_head(record))
+    if solved.is_foreign:
+        print_result(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
     if problem.c == ZERO:
-        say(f"  {WITHOUT_REACTION.format(energy(problem, 'v'))}")
+        print_result(f"  {WITHOUT_REACTION.format(name_energy_norm(problem, 'v'))}")
     elif not problem.k == problem.c == ONE:
-        say(f"  {NORMS_WITH_COEFFICIENTS}")
-    least = {norm: solution.bounded.size(norm, sharp) if bounds else math.nan for norm in NORMS}
-    say(table(record, bounds, least, forces, doubt, problem))
-    if bounds and not (search or errors or solved.foreign) and is_too_coarse(solution, bounds):
-        say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * on_own_mesh}")
+        print_result(f"  {NORMS_WITH_COEFFICIENTS}")
+    norms_below = {
+        norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in GOAL_NORMS
+    }
+    print_result(format_result(record, bounds, norms_below, forces, doubt, problem))
+    if bounds and not (search or errors or solved.is_foreign) and is_too_coarse(solution, bounds):
+        print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
     return record, interrupted
 
 
@@ -252,12 +268,12 @@ def is_too_coarse(solution: Solution, bounds: Bounds) -> bool:
     return solution.converged and solution.unique and solution.solved.u_norm > 0 and not bounds.relative_u < 1
 
 
-def force_rows(solution: Solution, sharp: bool) -> list[ForceRow]:
+def list_force_rows(solution: Solution, sharp: bool) -> list[ForceRow]:
     """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
 
-    There are none for more than SIDES sides, and where all are free.
+    There are none for more than MAX_FORCE_SIDES sides, and where all are free.
     """
-    if solution.mesh.polygon.n_sides > SIDES:
+    if solution.mesh.polygon.n_sides > MAX_FORCE_SIDES:
         return []
     forces = solution.forces(sharp)
     contact_sides = np.unique(solution.partition.side[solution.solved.cells])
@@ -273,7 +289,7 @@ def force_rows(solution: Solution, sharp: bool) -> list[ForceRow]:
     return rows
 
 
-def target_files(names: Sequence[str], folder: str | None, certificate: str | None) -> list[Path]:
+def check_target_files(names: Sequence[str], folder: str | None, certificate: str | None) -> list[Path]:
     """The files of -o and those in the folder of --out, which is made.
 
     Raises InputError for one of these, or a certificate, that cannot be written.
@@ -282,18 +298,21 @@ def target_files(names: Sequence[str], folder: str | None, certificate: str | No
     if certificate:
         check_target(certificate, CERTIFICATE_ENDINGS)
     for file in files:
-        check_target(file, ENDINGS)
+        check_target(file, SOLUTION_ENDINGS)
     if folder is None:
         return files
-    require("--out needs", *{package for name in KEPT for package in ENDINGS[Path(name).suffix]})
+    require(
+        "--out needs",
+        *{package for name in OUT_FOLDER_FILES for package in SOLUTION_ENDINGS[Path(name).suffix]},
+    )
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise writing_failed(place, error) from error
-    inside = [place / name for name in KEPT]
+        raise make_write_error(place, error) from error
+    inside = [place / name for name in OUT_FOLDER_FILES]
     for file in inside:
-        check_target(file, ENDINGS)
+        check_target(file, SOLUTION_ENDINGS)
     return inside + files
 
 
@@ -305,21 +324,21 @@ def write_files(
     sharp: bool,
     json: bool,
 ) -> None:
-    """Write the files, each told when it is there unless `json` is printed; .json has the record."""
+    """Write the files, and print a row for each unless `json` is printed; .json has the record."""
     for file in files:
         if file.suffix == ".json":
-            as_json.write(record, file)
+            json_records.write_json(record, file)
         else:
             solution.save(file)
         if not json:
-            say(written(file))
+            print_result(format_file_row(file))
     if certificate is None:
         return
     solution.save_certificate(certificate)
     if not json:
-        say(written(Path(certificate)))
-        check = shlex.join(["python3", str(checker_of(solution.problem)), certificate])
-        say(f"  {'check it with':27} {check}")
+        print_result(format_file_row(Path(certificate)))
+        check = shlex.join(["python3", str(find_checker(solution.problem)), certificate])
+        print_result(f"  {'check it with':27} {check}")
         if sharp:
-            bound = interval(-math.inf, solution.bounded.total("h1"))
-            say(f"  {'it proves':27} the bound without --sharp: {bound}")
+            bound = format_interval(-math.inf, solution.bounded.total_bound("h1"))
+            print_result(f"  {'it proves':27} the bound without --sharp: {bound}")

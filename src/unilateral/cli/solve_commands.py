@@ -1,4 +1,4 @@
-"""The commands `solve` and `certify`: their options, and which of them go together."""
+"""The commands `solve_command` and `certify_command`: their options, and which of them go together."""
 
 from __future__ import annotations
 
@@ -9,47 +9,61 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from unilateral.adaptive.goal import ACCURACY, MAX_SECONDS, NORMS
+from unilateral.adaptive.goal import DEFAULT_ACCURACY, DEFAULT_MAX_SECONDS, GOAL_NORMS
 from unilateral.cli import arguments
-from unilateral.cli.arguments import FILE, FOLDER, complete_polygon, count, positive, sides
+from unilateral.cli.arguments import (
+    FILE_TYPE,
+    FOLDER_TYPE,
+    complete_polygon,
+    parse_count,
+    parse_positive,
+    parse_sides,
+)
 from unilateral.solvers.stop import ALGORITHMS, Stop
 from unilateral.system.optional import require
 
-OF_ACCURACY = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "max_memory"}
+ACCURACY_OPTIONS = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "max_memory"}
 """The options that only an accuracy has."""
-KINDS = ("structured", "unstructured")
+MESH_KIND_NAMES = ("structured", "unstructured")
 """The kinds of meshes that are made; any other --mesh is a file."""
 
 
 @click.command(
-    epilog=arguments.examples(
+    epilog=arguments.format_examples(
         "unilateral init my_problem.yaml",
         "unilateral solve my_problem.yaml --h 1/16 --H 1/8",
         "unilateral solve my_problem.yaml --accuracy 0.1 --json",
     )
 )
-@arguments.problem
-@arguments.as_json
-@arguments.output
+@arguments.problem_argument
+@arguments.json_option
+@arguments.output_option
 @click.option(
-    "--out", type=FOLDER, metavar="FOLDER", help="a folder for all useful files; for a single file take -o"
+    "--out",
+    type=FOLDER_TYPE,
+    metavar="FOLDER",
+    help="a folder for all useful files; for a single file take -o",
 )
-@arguments.certificate
-@arguments.sharp
-@click.option("--h", type=positive, metavar="EDGE", help="longest boundary edge of the mesh, such as 1/64")
-@click.option("--H", "H", type=positive, metavar="CELL", help="longest cell of the multiplier, such as 1/32")
+@arguments.certificate_option
+@arguments.sharp_option
+@click.option(
+    "--h", type=parse_positive, metavar="EDGE", help="longest boundary edge of the mesh, such as 1/64"
+)
+@click.option(
+    "--H", "H", type=parse_positive, metavar="CELL", help="longest cell of the multiplier, such as 1/32"
+)
 @click.option(
     "--tolerance",
-    type=positive,
+    type=parse_positive,
     metavar="T",
     help="with sizes: stop when the algebraic error is at most T (default: 1 % of the errors)",
 )
 @click.option(
     "--accuracy",
-    type=positive,
+    type=parse_positive,
     metavar="A",
     help="relative error to reach, such as 1e-2, in place of sizes: h, H and the stop are chosen; Ctrl-C "
-    f"keeps the best so far (default {ACCURACY:g}, where no sizes are given)",
+    f"keeps the best so far (default {DEFAULT_ACCURACY:g}, where no sizes are given)",
 )
 @click.option("--absolute", is_flag=True, help="with --accuracy: absolute instead of relative error")
 @click.option(
@@ -59,25 +73,26 @@ KINDS = ("structured", "unstructured")
 )
 @click.option(
     "--norm",
-    type=click.Choice(NORMS),
-    default=NORMS[0],
+    type=click.Choice(GOAL_NORMS),
+    default=GOAL_NORMS[0],
     help="with --accuracy: the error of u in H1 (default), or that of lambda in H^(-1/2)",
 )
 @click.option(
     "--max-unknowns",
-    type=count,
+    type=parse_count,
     metavar="N",
     help="with --accuracy: limit for the finest mesh (default: what the memory allows)",
 )
 @click.option(
     "--max-seconds",
-    type=positive,
+    type=parse_positive,
     metavar="S",
-    help=f"with --accuracy: time limit; the best so far is kept, with its bound (default {MAX_SECONDS:g})",
+    help="with --accuracy: time limit; the best so far is kept, with its bound "
+    f"(default {DEFAULT_MAX_SECONDS:g})",
 )
 @click.option(
     "--max-memory",
-    type=positive,
+    type=parse_positive,
     metavar="MB",
     help="with --accuracy: memory limit for this process; the best so far is kept (default: what is free)",
 )
@@ -90,7 +105,7 @@ KINDS = ("structured", "unstructured")
 @click.option("--side", type=int, metavar="I", help="for a case: the side on which it is placed (default 0)")
 @click.option(
     "--free-sides",
-    type=sides,
+    type=parse_sides,
     metavar="I,J,...",
     help="for a case: sides without contact that become free (Neumann) sides",
 )
@@ -102,7 +117,7 @@ KINDS = ("structured", "unstructured")
 @click.option(
     "--mesh",
     metavar="KIND|FILE",
-    shell_complete=lambda ctx, param, incomplete: arguments.complete(incomplete, [*KINDS]),
+    shell_complete=lambda ctx, param, incomplete: arguments.complete_names(incomplete, [*MESH_KIND_NAMES]),
     help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
     "default: structured on unit squares or without gmsh, and with --accuracy refined where it pays",
 )
@@ -114,75 +129,84 @@ KINDS = ("structured", "unstructured")
     help=f"{', '.join(ALGORITHMS)} (default auto: multigrid on large meshes, else uzawa)",
 )
 @click.option(
-    "--rho", type=positive, metavar="STEP", help="step of Uzawa's algorithm (default 1.9 / lambda_max(S))"
+    "--rho",
+    type=parse_positive,
+    metavar="STEP",
+    help="step of Uzawa's algorithm (default 1.9 / lambda_max(S))",
 )
 @click.option(
     "--max-steps",
-    type=count,
+    type=parse_count,
     metavar="N",
     default=Stop.max_steps,
     help=f"limit for uzawa and its faster variants (default {Stop.max_steps})",
 )
 @click.pass_context
-def solve(ctx: click.Context, **options: Any) -> int:
+def solve_command(ctx: click.Context, **options: Any) -> int:
     """Solve a problem, with guaranteed bounds on the errors.
 
     It is solved either with given sizes --h and --H or to a guaranteed --accuracy.
     """
     begin = time.perf_counter()
-    given = {name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
-    own_mesh = options["mesh"] not in (None, *KINDS)
-    options["by_default"] = not (own_mesh or given & {"h", "H", "tolerance", "accuracy", "absolute"})
+    given_options = {
+        name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
+    own_mesh = options["mesh"] not in (None, *MESH_KIND_NAMES)
+    options["by_default"] = not (own_mesh or given_options & {"h", "H", "tolerance", "accuracy", "absolute"})
     if options["by_default"]:
-        options["accuracy"] = ACCURACY
-    _check_alternatives(ctx, options, given, own_mesh)
-    from unilateral.cli.solve import run
+        options["accuracy"] = DEFAULT_ACCURACY
+    _check_alternatives(ctx, options, given_options, own_mesh)
+    from unilateral.cli.solve import run_solve
 
-    return run(SimpleNamespace(**options, begin=begin))
+    return run_solve(SimpleNamespace(**options, begin=begin))
 
 
-def _check_alternatives(ctx: click.Context, options: dict[str, Any], given: set[str], own_mesh: bool) -> None:
+def _check_alternatives(
+    ctx: click.Context, options: dict[str, Any], given_options: set[str], is_user_mesh: bool
+) -> None:
     """Raises UsageError unless the options are those of given sizes, or those of an accuracy."""
-    if own_mesh and options["accuracy"] is not None:
+    if is_user_mesh and options["accuracy"] is not None:
         ctx.fail("--accuracy makes its own meshes; with a mesh in a file give --H instead")
     if options["accuracy"] is None:
-        if own_mesh and "H" not in given:
+        if is_user_mesh and "H" not in given_options:
             ctx.fail("a mesh in a file needs --H, the longest cell of the multiplier")
-        missing = [name for name in ("h", "H") if name not in given and not own_mesh]
+        missing = [name for name in ("h", "H") if name not in given_options and not is_user_mesh]
         if missing:
             ctx.fail(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
-        wrong, why = given & OF_ACCURACY, "is only for --accuracy"
+        wrong = given_options & ACCURACY_OPTIONS
+        why = "is only for --accuracy"
     else:
-        wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
+        wrong = {"h", "H", "tolerance"} & given_options
+        why = "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         ctx.fail(f"--{name.replace('_', '-')} {why}")
-    if options["dry_run"] and {"output", "out", "certificate"} & given:
+    if options["dry_run"] and {"output", "out", "certificate"} & given_options:
         ctx.fail(
             "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"
         )
 
 
 @click.command(
-    epilog=arguments.examples(
+    epilog=arguments.format_examples(
         "unilateral solve natural --h 1/16 --H 1/8 -o solution.vtu",
         "unilateral certify natural --solution solution.vtu",
     )
 )
-@arguments.problem
+@arguments.problem_argument
 @click.option(
-    "--solution", type=FILE, metavar="FILE", required=True, help="nodal values: .vtu, .csv with x, y, u"
+    "--solution", type=FILE_TYPE, metavar="FILE", required=True, help="nodal values: .vtu, .csv with x, y, u"
 )
 @click.option(
-    "--mesh", type=FILE, metavar="FILE", help="the triangles (default: those of the solution's file)"
+    "--mesh", type=FILE_TYPE, metavar="FILE", help="the triangles (default: those of the solution's file)"
 )
 @click.option(
     "--field", metavar="NAME", help="the nodal values that are meant (default: u, or the only ones)"
 )
-@arguments.as_json
-@arguments.output
-@arguments.certificate
-@arguments.sharp
-def certify(**options: Any) -> int:
+@arguments.json_option
+@arguments.output_option
+@arguments.certificate_option
+@arguments.sharp_option
+def certify_command(**options: Any) -> int:
     """Bound the errors of another solver's solution of your problem.
 
     The solution is on a mesh of its own. The bound is not below the error, even if that is the solution of
@@ -190,6 +214,6 @@ def certify(**options: Any) -> int:
     """
     begin = time.perf_counter()
     require("'unilateral certify' needs", "meshio", "pandas")
-    from unilateral.cli.solve import certify as certify_solution
+    from unilateral.cli.solve import run_certify
 
-    return certify_solution(SimpleNamespace(**options, begin=begin))
+    return run_certify(SimpleNamespace(**options, begin=begin))

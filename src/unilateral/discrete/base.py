@@ -10,17 +10,18 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.mesh_data import MeshData
-from unilateral.discrete.solution import DiscreteSolution, integral
+from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.discrete.solution import DiscreteSolution, integrate_linear
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import coupling, energy_norm, of_rest
+from unilateral.fem.p1 import coupling, energy_norm, subtract_lift_from_load
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
-NOTHING = np.zeros(1)
-AIM = 0.5
+NO_LIFT = np.zeros(1)
+"""The Dirichlet lift 0, which broadcasts."""
+RETRY_TOLERANCE_SHARE = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
 
@@ -29,7 +30,8 @@ class DiscreteProblem(ABC):
     """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
     Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` on the mesh
-    are known. On the sides that the `form` clamps u_h has the values `held` (n,), a function of V_h.
+    are known. On the sides that the `form` clamps u_h has the values `dirichlet_lift` (n,), a function of
+    V_h.
     """
 
     mesh: Mesh
@@ -37,9 +39,9 @@ class DiscreteProblem(ABC):
     cells: Index
     load: Array
     g_means: Array
-    data: MeshData | None = field(default=None, kw_only=True)
+    data: EnclosedData | None = field(default=None, kw_only=True)
     form: Form = field(default=H1, kw_only=True)
-    held: Array = field(default_factory=lambda: NOTHING, kw_only=True)
+    dirichlet_lift: Array = field(default_factory=lambda: NO_LIFT, kw_only=True)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: {self.mesh.n_nodes} unknowns, {len(self.cells)} multipliers"
@@ -59,47 +61,58 @@ class DiscreteProblem(ABC):
         """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
 
     @abstractmethod
-    def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H) with an algebraic bound up to `stop.tolerance`, else a fraction of other errors."""
+    def solve(self, stop: Stop) -> DiscreteSolution:
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
+
+        Without one the bound is at most the fraction of `stop` of other errors.
+        """
 
     @abstractmethod
-    def iterated(
-        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    def iterate(
+        self,
+        tolerance: float | None,
+        stop: Stop,
+        start: Array | None = None,
+        predicted_total: float = math.inf,
     ) -> DiscreteSolution:
         """The solution up to a tolerance, from lambda_H = start (m,).
 
-        `total` predicts the bound on its total error.
+        `predicted_total` predicts the bound on its total error.
         """
 
     @abstractmethod
-    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+    def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
 
-    def improved(
-        self, solution: DiscreteSolution, tolerance: float, stop: Stop, aim: float = AIM
+    def improve(
+        self,
+        solution: DiscreteSolution,
+        tolerance: float,
+        stop: Stop,
+        tolerance_share: float = RETRY_TOLERANCE_SHARE,
     ) -> DiscreteSolution:
-        """The solution, iterated on to `aim` times the `tolerance` if the algebraic bound misses it.
+        """The solution, iterated further if its algebraic bound misses the tolerance.
 
         It stays as it is where half of the bound or more is rounding, which no step takes away.
         """
-        enough = max(tolerance, 2 * solution.result.rounding)
-        if solution.result.bound <= enough or not solution.result.converged:
+        max_bound = max(tolerance, 2 * solution.result.rounding)
+        if solution.result.bound <= max_bound or not solution.result.converged:
             return solution
-        return self.continued(solution, aim * tolerance, stop)
+        return self.iterate_further(solution, tolerance_share * tolerance, stop)
 
-    def within(self, solution: DiscreteSolution, stop: Stop) -> DiscreteSolution:
+    def improve_to_fraction(self, solution: DiscreteSolution, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on until the algebraic bound is at most a fraction of that on ||u - u_h||_1.
 
         The fraction is `stop.fraction`. The bound on ||u - u_h||_1 is computed again each time, because it
         falls, too, where most of it was algebraic. Rounding may end the iteration before.
         """
         while True:
-            better = self.improved(solution, stop.fraction * solution.total("h1"), stop)
+            better = self.improve(solution, stop.fraction * solution.total_bound("h1"), stop)
             if better is solution:
                 return solution
             solution = better
 
-    def solution(self, result: DualResult, tolerance: float, u_h: Array) -> DiscreteSolution:
+    def make_solution(self, result: DualResult, tolerance: float, u_h: Array) -> DiscreteSolution:
         """The solution u_h (n,) with the multipliers of a `result`."""
         lambda_H = np.zeros(self.partition.n_cells)
         lambda_H[self.cells] = result.lambda_H
@@ -117,7 +130,7 @@ class DiscreteProblem(ABC):
             beta=self.beta,
             unique=self.unique,
             u_norm=energy_norm(self.mesh, u_h, self.form),
-            u_integral=integral(self.mesh, u_h),
+            u_integral=integrate_linear(self.mesh, u_h),
             force=float(self.partition.lengths @ lambda_H),
             lambda_norm=self.lambda_norm(result.lambda_H),
         )
@@ -133,9 +146,12 @@ class DiscreteProblem(ABC):
         return float(abs(solution.u_integral - self.load.sum() - solution.force))
 
     @cached_property
-    def of_rest(self) -> tuple[Array, Array]:
-        """The load (n,) and the means (cells,) of g for u_h - held, which vanishes on clamped sides."""
+    def homogeneous_data(self) -> tuple[Array, Array]:
+        """The load (n,) and the means (cells,) of g for u_h - u_D, which vanishes on clamped sides."""
         if not self.form.clamped:
             return self.load, self.g_means
-        means = coupling(self.mesh, self.partition) @ self.held[self.mesh.boundary] / self.partition.lengths
-        return of_rest(self.mesh, self.form, self.load, self.held), self.g_means - means
+        # u_h - u_D has to be above g - u_D in the mean
+        B = coupling(self.mesh, self.partition)
+        lift_means = B @ self.dirichlet_lift[self.mesh.boundary] / self.partition.lengths
+        load = subtract_lift_from_load(self.mesh, self.form, self.load, self.dirichlet_lift)
+        return load, self.g_means - lift_means

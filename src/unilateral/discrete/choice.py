@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from unilateral.bounds.source import Source
 from unilateral.discrete.base import DiscreteProblem
-from unilateral.discrete.condensed import on_spaces
-from unilateral.discrete.loads import form_of
+from unilateral.discrete.condensed import discretise_on_condensed_spaces
+from unilateral.discrete.problem_data import problem_form
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError, IterationWarning
-from unilateral.fem.condense import REFINED, condense
+from unilateral.fem.condense import MIN_MACRO_HALVINGS, condense
 from unilateral.fem.form import Form
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
@@ -27,24 +27,27 @@ if TYPE_CHECKING:
 
     Spaces = MixedSpaces | NestedSpaces
 
-PAYS = 20_000
+MIN_MULTIGRID_UNKNOWNS = 20_000
 """From this many unknowns on multigrid is cheaper than A_3, the matrix condensed to the boundary.
 
 Below, importing it alone takes longer.
 """
-COARSE = 5000
+COARSE_MESH_UNKNOWNS = 5000
 """The coarse mesh that an unstructured one is refined from has about this many unknowns."""
-MORE_CELLS = 1.5
+MAX_CELL_RATIO = 1.5
 """A mesh made by halving has at most this many times the boundary cells of a uniform one that is not."""
-MULTIGRID, RECURSIVE, SPARSE = 400, 1000, 5000
+MULTIGRID_BYTES = 400
+MACRO_ELEMENT_BYTES = 1000
+SPARSE_BYTES = 5000
 """Bytes per unknown, as measured with 1e6 unknowns: by multigrid, and condensed to the boundary.
 
-Condensing takes RECURSIVE where the mesh was refined often enough for macro-elements, else SPARSE.
+Condensing takes MACRO_ELEMENT_BYTES where the mesh was refined often enough for these, else SPARSE_BYTES.
 """
-LOCAL, SHARP = 300, 5000
+CHEAP_BOUND_BYTES = 300
+SHARP_BOUND_BYTES = 5000
 """Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
-DENSE = 64
-"""Bytes per entry of A_3 or S: about eight matrices of that size are held."""
+DENSE_ENTRY_BYTES = 64
+"""Bytes per entry of A_3 or S: about eight matrices of that size are in memory."""
 
 
 def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
@@ -53,7 +56,7 @@ def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop
     If levels do not pay, the spaces are condensed ones. An algorithm or a rho that is asked for decides.
     Raises InputError where multigrid is asked for but not possible.
     """
-    form = form_of(problem, mesh)
+    form = problem_form(problem, mesh)
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import nested_spaces  # and with it PyAMG
 
@@ -71,30 +74,31 @@ def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop
 def discretise_on_spaces(problem: Problem, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known."""
     if isinstance(spaces, MixedSpaces):
-        return on_spaces(problem, spaces, source)
-    from unilateral.discrete.multilevel import on_levels
+        return discretise_on_condensed_spaces(problem, spaces, source)
+    from unilateral.discrete.multilevel import discretise_on_nested_spaces
 
-    return on_levels(problem, spaces, source)
+    return discretise_on_nested_spaces(problem, spaces, source)
 
 
-def solve_on(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
-    """(u_h, lambda_H) on a mesh and a partition, as `choose_spaces` takes them."""
+def solve_on_mesh(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
+    """The solution (u_h, lambda_H) of a problem on a mesh and a partition."""
     discrete = discretise_on_spaces(problem, choose_spaces(problem, mesh, partition, stop))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
-        return discrete.solved(stop)
+        return discrete.solve(stop)
 
 
 def condensed_spaces(mesh: Mesh, partition: Partition, form: Form) -> MixedSpaces:
     """The spaces condensed to the boundary. Raises InputError where more memory is needed than is free."""
-    check_condensed(mesh, partition)
+    check_condensing_memory(mesh, partition)
     return mixed_spaces(condense(mesh, form), partition)
 
 
-def check_condensed(mesh: Mesh, partition: Partition) -> None:
+def check_condensing_memory(mesh: Mesh, partition: Partition) -> None:
     """Raises InputError where condensing to the boundary takes more memory than is free."""
-    bytes_per_unknown = SPARSE if mesh.halvings < REFINED else RECURSIVE
-    dense = DENSE * (len(mesh.boundary) + partition.n_cells) ** 2
-    needed, free = (bytes_per_unknown * mesh.n_nodes + dense) / 2**20, available_mb()
+    bytes_per_unknown = SPARSE_BYTES if mesh.halvings < MIN_MACRO_HALVINGS else MACRO_ELEMENT_BYTES
+    dense = DENSE_ENTRY_BYTES * (len(mesh.boundary) + partition.n_cells) ** 2
+    needed = (bytes_per_unknown * mesh.n_nodes + dense) / 2**20
+    free = available_mb()
     if needed > free:
         raise InputError(
             f"{mesh.n_nodes} unknowns, {len(mesh.boundary)} of them on the boundary, take about "
@@ -103,7 +107,7 @@ def check_condensed(mesh: Mesh, partition: Partition) -> None:
         )
 
 
-def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
+def choose_halvings(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
     """How often a coarse unstructured mesh is halved to get so many `edges` in each cell of the size H.
 
     0 where condensing to the boundary is cheaper. It is not halved so often that short sides, which have a
@@ -112,28 +116,36 @@ def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
     unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
         return 0
-    most, cells = max(math.ceil(math.log(unknowns / COARSE, 4)), 1), polygon.counts(H).sum()
+    # the coarse mesh gets about COARSE_MESH_UNKNOWNS, each halving makes four times as many
+    max_halvings = max(math.ceil(math.log(unknowns / COARSE_MESH_UNKNOWNS, 4)), 1)
+    cells = polygon.counts(H).sum()
     if stop.algorithm == "multigrid":
-        return most
-    fit = (k for k in range(most, 0, -1) if 2**k * polygon.counts(2**k * H).sum() <= MORE_CELLS * cells)
-    return next(fit, 0)
+        return max_halvings
+    # 2^k cells for each coarse one, against those of a uniform partition
+    candidates = (
+        k
+        for k in range(max_halvings, 0, -1)
+        if 2**k * polygon.counts(2**k * H).sum() <= MAX_CELL_RATIO * cells
+    )
+    return next(candidates, 0)
 
 
 def wants_multigrid(stop: Stop, unknowns: float) -> bool:
     """Whether to try multigrid first."""
-    pays = stop.algorithm == "auto" and stop.rho is None and unknowns >= PAYS
+    pays = stop.algorithm == "auto" and stop.rho is None and unknowns >= MIN_MULTIGRID_UNKNOWNS
     return pays or stop.algorithm == "multigrid"
 
 
-def bound_mb(mesh: Mesh, sharp: bool) -> float:
+def bound_memory_mb(mesh: Mesh, sharp: bool) -> float:
     """The MB that a guaranteed bound takes."""
-    return (SHARP if sharp else LOCAL) * mesh.n_nodes / 2**20
+    return (SHARP_BOUND_BYTES if sharp else CHEAP_BOUND_BYTES) * mesh.n_nodes / 2**20
 
 
-def check_size(polygon: Polygon, h: float) -> None:
+def check_mesh_memory(polygon: Polygon, h: float) -> None:
     """Raises InputError if a mesh of size h is too large for the memory, whichever way it is solved."""
     unknowns = polygon.area / h**2
-    needed, free = MULTIGRID * unknowns / 2**20, available_mb()
+    needed = MULTIGRID_BYTES * unknowns / 2**20
+    free = available_mb()
     if needed > free:
         raise InputError(
             f"h = {h:.4g} makes {unknowns:.2g} unknowns on '{polygon.name}', which take at least "

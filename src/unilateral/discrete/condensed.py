@@ -10,172 +10,234 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.bounds.mesh_data import enclose_data
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.source import Source
-from unilateral.discrete.base import NOTHING, DiscreteProblem
-from unilateral.discrete.loads import form_of
+from unilateral.discrete.base import NO_LIFT, DiscreteProblem
+from unilateral.discrete.problem_data import problem_form
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import energy_norm
-from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
-from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
+from unilateral.fem.residual_rounding import (
+    Rounded,
+    gap_with_rounding,
+    load_with_rounding,
+    lumped_dual_norm_bound,
+    residual_with_rounding,
+)
+from unilateral.fem.spaces import FORM_ROUNDING, MixedSpaces, mixed_spaces
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact_errors import Exact, exact
+from unilateral.norms.exact_errors import CaseProjections, project_case
 from unilateral.problems.problem import Problem
-from unilateral.solvers.algebraic_bound import certified
-from unilateral.solvers.dispatch import iterate
+from unilateral.solvers.algebraic_bound import condensed_algebraic_bound
+from unilateral.solvers.dispatch import run_algorithm
 from unilateral.solvers.stop import Stop
-from unilateral.solvers.uzawa import LEAST, DualResult, residual_bound, warn_unless_converged
+from unilateral.solvers.uzawa import SMALLEST_NORMAL, DualResult, residual_bound, warn_of_missed_tolerance
 
-FIRST = 0.01
+FIRST_TOLERANCE_SHARE = 0.01
 """Before the size of the error is known, the tolerance is this fraction of the residual at lambda = 0."""
-UNKNOWN = 1e-4
+ASSUMED_ERROR_SHARE = 1e-4
 """Where nothing is known of the errors, they are taken to be this fraction of the residual at lambda = 0."""
-ROOM = 2.0
+ROUNDING_ALLOWANCE = 2.0
 """A tolerance has room for this many times what rounding adds to the bound.
 
 It is more than once that, because what rounding adds depends on lambda_H.
 """
-UNSEEN = 3e-4
+MAX_ROUNDING_EXCESS = 3e-4
 """The rounding of u_h may be overestimated by this fraction of the bound.
 
 That saves a solve that would tell more.
 """
-MOST_BOUNDED = 100_000
+MAX_BOUNDED_UNKNOWNS = 100_000
 """Up to this many unknowns the error is bounded to find a tolerance, which takes 3 GB."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CondensedProblem(DiscreteProblem):
-    """(P_h*) on the `spaces`; `offset` (m,) is F(0). True errors are known where the `exact` solution is."""
+    """(P_h*) on the `spaces`; `offset` (m,) is F(0).
+
+    `exact` are the projections of the exact solution, by which true errors are known, None without one.
+    """
 
     spaces: MixedSpaces
     offset: Array
-    exact: Exact | None = None
+    exact: CaseProjections | None = None
 
     @property
     def unique(self) -> bool:
-        return not self.spaces.operator.singular
+        """Whether lambda_H is known to be the only one: S is not singular."""
+        return not self.spaces.operator.is_singular
 
     @property
     def beta(self) -> float:
+        """The number that serves as beta of (3.4)."""
         return self.spaces.beta
 
     def lambda_norm(self, lambda_H: Array) -> float:
         """Lower bound on the discrete dual norm of lambda_H, up to the rounding of A_3."""
-        return (1 - FORMS) * float(dnrm2(self.spaces.operator.half @ lambda_H))
+        return (1 - FORM_ROUNDING) * float(dnrm2(self.spaces.operator.D_factor @ lambda_H))
 
     @cached_property
-    def first(self) -> DualResult:
+    def zero_result(self) -> DualResult:
         """The result lambda = 0 with its bound."""
-        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
+        operator = self.spaces.operator
+        zero = np.zeros(len(self.offset))
+        # with the rho of plain Uzawa
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
-        result = DualResult(zero, 0, 0, bound, False, rho, "none")
-        return self.certify(result, self.response(zero)) if bound < math.inf else result
+        result = DualResult(
+            zero,
+            iterations=0,
+            operator_applications=0,
+            bound=bound,
+            converged=False,
+            rho=rho,
+            algorithm="none",
+        )
+        return self.add_rounding_to_bound(result, self.response(zero)) if bound < math.inf else result
 
     @cached_property
-    def least_bound(self) -> float:
+    def bound_floor(self) -> float:
         """The iteration's own bound at lambda = 0 times EPS: in double precision it falls no further."""
-        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
-        if not len(zero) or operator.singular:
+        operator = self.spaces.operator
+        zero = np.zeros(len(self.offset))
+        if not len(zero) or operator.is_singular:
             return 0.0
         return EPS * residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max)
 
-    def crude(self, share: float) -> float:
+    def crude_tolerance(self, share: float) -> float:
         """A tolerance: a `share` of the residual at lambda = 0, and what rounding may add to the bound."""
-        return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
+        return (
+            share * (self.zero_result.bound - self.zero_result.rounding)
+            + ROUNDING_ALLOWANCE * self.zero_result.rounding
+        )
 
-    def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H), with an algebraic error up to `stop.tolerance`, or a fraction of other errors."""
-        return solve(self, stop)
+    def solve(self, stop: Stop) -> DiscreteSolution:
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
 
-    def iterated(
-        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+        Without a tolerance it is a fraction of other errors, or of the residual at lambda = 0.
+        """
+        return solve_condensed_problem(self, stop)
+
+    def iterate(
+        self,
+        tolerance: float | None,
+        stop: Stop,
+        start: Array | None = None,
+        predicted_total: float = math.inf,
     ) -> DiscreteSolution:
         """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
 
-        `total` is not needed: the residual of u_h is rounding, and small against any total. Without a
-        tolerance a crude one is taken, a share of the residual at 0. What rounding adds to the bound is known
-        at the end only. If the bound then misses the tolerance, the iteration goes on once.
+        `predicted_total` is not needed: the residual of u_h is rounding, and small against any total. Without
+        a tolerance a crude one is taken, a share of the residual at 0. What rounding adds to the bound is
+        known at the end only. If the bound then misses the tolerance, the iteration goes on once.
         """
         operator = self.spaces.operator
-        wanted = self.crude(FIRST) if tolerance is None else tolerance
-        least = self.least_bound if wanted < self.least_bound else 0.0
-        result = iterate(operator, self.offset, max(wanted, least), stop, start)
+        max_bound = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
+        min_tolerance = self.bound_floor if max_bound < self.bound_floor else 0.0
+        # what rounding adds to the bound depends on lambda_H: it is known once the iteration has ended
+        result = run_algorithm(operator, self.offset, max(max_bound, min_tolerance), stop, start)
         u_h = self.response(result.lambda_H)
-        certified = self.certify(result, u_h, wanted)
-        less = wanted - ROOM * certified.rounding
-        if result.converged and certified.bound > wanted and less > least:
-            more = iterate(operator, self.offset, less, stop, result.lambda_H)
-            u_h = self.response(more.lambda_H)
-            certified = self.certify(more.after(result), u_h, wanted)
+        certified = self.add_rounding_to_bound(result, u_h, max_bound)
+        second_tolerance = max_bound - ROUNDING_ALLOWANCE * certified.rounding
+        if result.converged and certified.bound > max_bound and second_tolerance > min_tolerance:
+            second_result = run_algorithm(operator, self.offset, second_tolerance, stop, result.lambda_H)
+            u_h = self.response(second_result.lambda_H)
+            certified = self.add_rounding_to_bound(second_result.add_counts(result), u_h, max_bound)
         if result.converged:
-            warn_unless_converged(certified, wanted)
-        return self.solution(certified, wanted, u_h)
+            warn_of_missed_tolerance(certified, max_bound)
+        return self.make_solution(certified, max_bound, u_h)
 
-    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        more = self.iterated(tolerance, stop, solution.result.lambda_H)
-        return replace(more, result=more.result.after(solution.result))
+    def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        """The solution, iterated further to a smaller tolerance."""
+        further_solution = self.iterate(tolerance, stop, solution.result.lambda_H)
+        return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def response(self, lambda_H: Array) -> Array:
-        """(n,) u_h for the multipliers lambda_H (m,)."""
-        return self.held + self.spaces.response(self.of_rest[0], lambda_H)
+        """The function u_h that belongs to the multiplier lambda_H; shape (n,)."""
+        return self.dirichlet_lift + self.spaces.response(self.homogeneous_data[0], lambda_H)
 
-    def certify(self, result: DualResult, u_h: Array, tolerance: float = 0.0) -> DualResult:
+    def add_rounding_to_bound(self, result: DualResult, u_h: Array, tolerance: float = 0.0) -> DualResult:
         """The result with a bound for u_h (n,) as it was computed, which includes the rounding on the way."""
-        bound = self._rounded_bound(result, u_h)
+        bound = self._bound_computed_solution(result, u_h)
         rounding = max(bound - result.bound, 0.0)
         return replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
 
-    def _rounded_bound(self, result: DualResult, u_h: Array) -> float:
-        """The bound for u_h (n,) as it was computed."""
-        spaces, on, boundary = self.spaces, self.spaces.condensed, self.mesh.boundary
-        (of_f, g_means), mu, v = self.of_rest, result.lambda_H, u_h - self.held
-        load = Rounded(of_f.copy(), np.zeros(len(of_f)))
-        load.values[boundary], load.doubt[boundary] = loaded(of_f[boundary], spaces.B, mu)
-        left = residual(*on.for_products, v, load)
-        gap = constrained(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
-        delta = dual_norm(np.abs(left.values) + left.doubt, on.mass)
-        if delta > UNSEEN * result.bound:
-            z = on.solve(left.values)
-            rest = residual(*on.for_products, z, left)
-            of_rest = dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
-            delta = (1 + FORMS) * energy_norm(self.mesh, z, self.form) + of_rest
-        return certified(spaces.operator, mu, gap, delta, result.rho)
+    def _bound_computed_solution(self, result: DualResult, u_h: Array) -> float:
+        """The bound for u_h (n,) as it was computed, with the norm of its residual in it."""
+        spaces = self.spaces
+        condensed = self.spaces.condensed
+        boundary = self.mesh.boundary
+        (homogeneous_load, g_means) = self.homogeneous_data
+        mu = result.lambda_H
+        v = u_h - self.dirichlet_lift
+        # r = load + B^T mu - A v for v = u_h - u_D, and F, the means of v - (g - u_D), with their rounding
+        load = Rounded(homogeneous_load.copy(), np.zeros(len(homogeneous_load)))
+        load.values[boundary], load.rounding[boundary] = load_with_rounding(
+            homogeneous_load[boundary], spaces.B, mu
+        )
+        residual = residual_with_rounding(*condensed.matrix_and_row_sums, v, load)
+        gap = gap_with_rounding(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
+        # ||r|| by the lumped mass; if that is too large ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
+        delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
+        if delta > MAX_ROUNDING_EXCESS * result.bound:
+            z = condensed.solve(residual.values)
+            z_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            z_residual_norm = lumped_dual_norm_bound(
+                np.abs(z_residual.values) + z_residual.rounding, condensed.nodal_weights
+            )
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + z_residual_norm
+        return condensed_algebraic_bound(spaces.operator, mu, gap, delta, result.rho)
 
 
-def with_load(
-    spaces: MixedSpaces, load: Array, trace: Array | None, g_means: Array, held: Array = NOTHING
+def build_condensed_problem(
+    spaces: MixedSpaces, load: Array, trace: Array | None, g_means: Array, dirichlet_lift: Array = NO_LIFT
 ) -> CondensedProblem:
-    """The problem with a load (n,), the means (cells,) of g and the values that u_h is `held` (n,) at.
+    """The discrete problem with a load, the means of g, and a Dirichlet lift.
 
-    `trace` (nb,) is A^{-1} times the load of `of_rest` on the boundary, if it is known.
+    `trace` (nb,) is A^{-1} times the load for u_h - u_D on the boundary, if it is known.
     """
-    on = spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, np.zeros(len(spaces.cells))
-    discrete = CondensedProblem(*on, form=spaces.condensed.form, held=held)
-    of_f, of_g = discrete.of_rest
+    discrete = CondensedProblem(
+        mesh=spaces.mesh,
+        partition=spaces.partition,
+        cells=spaces.cells,
+        load=load,
+        g_means=g_means,
+        form=spaces.condensed.form,
+        dirichlet_lift=dirichlet_lift,
+        spaces=spaces,
+        offset=np.zeros(len(spaces.cells)),
+    )
+    homogeneous_load, homogeneous_means = discrete.homogeneous_data
+    # F(0): the means of A^{-1} load - g
     if trace is None:
-        trace = spaces.condensed.solve(of_f)[spaces.mesh.boundary]
-    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - of_g[spaces.cells]
+        trace = spaces.condensed.solve(homogeneous_load)[spaces.mesh.boundary]
+    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - homogeneous_means[spaces.cells]
     return discrete
 
 
-def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
-    """The problem of a case whose `exact` solution is known on these spaces; its data are not enclosed."""
+def discretise_case(spaces: MixedSpaces, exact: CaseProjections) -> CondensedProblem:
+    """The discrete problem of a case whose exact solution is known on these spaces."""
     ritz = exact.ritz
-    return replace(with_load(spaces, ritz.load, ritz.trace, exact.means.g_means, ritz.held), exact=exact)
+    g_means = exact.cell_means.g_means
+    discrete = build_condensed_problem(
+        spaces, ritz.load, trace=ritz.load_trace, g_means=g_means, dirichlet_lift=ritz.dirichlet_lift
+    )
+    return replace(discrete, exact=exact)
 
 
 def discretise(problem: Problem, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
-    return on_spaces(problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition))
+    return discretise_on_condensed_spaces(
+        problem, mixed_spaces(condense(mesh, problem_form(problem, mesh)), partition)
+    )
 
 
-def on_spaces(problem: Problem, spaces: MixedSpaces, source: Source | None = None) -> CondensedProblem:
+def discretise_on_condensed_spaces(
+    problem: Problem, spaces: MixedSpaces, source: Source | None = None
+) -> CondensedProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known.
 
     The data of a case are not enclosed, which takes longer than to solve it. Raises InputError where S is 0.
@@ -186,43 +248,54 @@ def on_spaces(problem: Problem, spaces: MixedSpaces, source: Source | None = Non
             " take a smaller h, or ul.mesh(mesh, halvings=1) of your own mesh"
         )
     if problem.exact:
-        return with_solution(spaces, exact(problem.exact, spaces))
+        return discretise_case(spaces, project_case(problem.exact, spaces))
     data = enclose_data(problem, spaces.mesh, spaces.condensed.form, source)
     g_means = problem.enclosed_obstacle.means(spaces.partition.points)
-    discrete = with_load(spaces, data.load, None, g_means, data.constraint.clamped_values)
-    if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
+    discrete = build_condensed_problem(
+        spaces, data.load, trace=None, g_means=g_means, dirichlet_lift=data.constraint.clamped_values
+    )
+    if np.max(np.abs(discrete.offset), initial=0.0) < SMALLEST_NORMAL:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
     return replace(discrete, data=data)
 
 
-def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008
-    """(u_h, lambda_H), with an algebraic error of at most `stop.tolerance`, or a fraction of other errors.
+def solve_condensed_problem(
+    discrete: CondensedProblem,
+    stop: Stop = Stop(),  # noqa: B008
+    beta: float | None = None,
+) -> DiscreteSolution:
+    """The solution (u_h, lambda_H) with an algebraic bound up to a tolerance, or a fraction of other errors.
 
-    Without a tolerance the fraction is `stop.fraction`. Where the exact solution is known, it is kept in
-    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound into
-    one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED unknowns, it is a fraction of the bound on
-    ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is a share
-    of the residual at lambda = 0.
+    Tolerance and fraction are those of `stop`. Where the exact solution is known, the fraction is kept in
+    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound
+    into one in H^{-1/2}. Where there are data, and at most MAX_BOUNDED_UNKNOWNS, it is a fraction of the
+    bound on ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is
+    one of the residual at lambda = 0.
     """
     if stop.tolerance is not None:
-        return discrete.iterated(stop.tolerance, stop)
-    bounded = discrete.data is not None and discrete.mesh.n_nodes <= MOST_BOUNDED
+        return discrete.iterate(stop.tolerance, stop)
+    bounded = discrete.data is not None and discrete.mesh.n_nodes <= MAX_BOUNDED_UNKNOWNS
     if discrete.exact is None and not bounded:
-        return discrete.iterated(discrete.crude(stop.fraction * UNKNOWN), stop)
+        return discrete.iterate(discrete.crude_tolerance(stop.fraction * ASSUMED_ERROR_SHARE), stop)
     if discrete.exact is None:
-        return discrete.within(discrete.iterated(discrete.crude(FIRST), stop), stop)
-    return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
+        return discrete.improve_to_fraction(
+            discrete.iterate(discrete.crude_tolerance(FIRST_TOLERANCE_SHARE), stop), stop
+        )
+    return _solve_case(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 
 
-def _to_exact(discrete: CondensedProblem, exact: Exact, stop: Stop, beta: float) -> DiscreteSolution:
-    """The solution of a case.
+def _solve_case(
+    discrete: CondensedProblem, exact: CaseProjections, stop: Stop, beta: float
+) -> DiscreteSolution:
+    """The solution of a case, with an algebraic bound up to a fraction of its smallest true error.
 
-    It goes on from lambda_H if the H^{-1/2} error then still misses the fraction.
+    It goes on from lambda_H if it is then still too large beside the H^{-1/2} error.
     """
     spaces = discrete.spaces
-    solved = discrete.iterated(stop.fraction * exact.tolerance(spaces), stop)
-    if spaces.operator.singular or exact.means.lambda_is_zero:
-        return solved
-    error = exact.ritz.discrete_dual(exact.boundary_load(spaces, solved.result.lambda_H))
-    going_on = replace(stop, algorithm="nesterov") if solved.result.algorithm == "nesterov" else stop
-    return discrete.improved(solved, stop.fraction * error * beta, going_on, aim=1.0)
+    solution = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)
+    if spaces.operator.is_singular or exact.cell_means.lambda_is_zero:
+        return solution
+    # of ||lambda - lambda_H||_{-1/2,h} <= ||lambda - lambda_H||_{-1/2} the bound over beta may be a fraction
+    error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solution.result.lambda_H))
+    further_stop = replace(stop, algorithm="nesterov") if solution.result.algorithm == "nesterov" else stop
+    return discrete.improve(solution, stop.fraction * error * beta, further_stop, tolerance_share=1.0)

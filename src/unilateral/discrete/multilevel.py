@@ -15,145 +15,172 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.constraint import constraint
-from unilateral.bounds.mesh_data import MeshData, enclose_data
+from unilateral.bounds.constraint import build_constraint
+from unilateral.bounds.enclosed_data import EnclosedData, enclose_data
 from unilateral.bounds.source import Source, enclose_source
-from unilateral.discrete.base import AIM, DiscreteProblem
-from unilateral.discrete.loads import case_load, form_of, obstacle_means
+from unilateral.discrete.base import RETRY_TOLERANCE_SHARE, DiscreteProblem
+from unilateral.discrete.problem_data import case_load, obstacle_means, problem_form
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import H1, Form
-from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.nested_cells import Cells, nested_cells
-from unilateral.fem.residual_rounding import terms
+from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
+from unilateral.fem.nested_cells import LevelCells, nested_cells
+from unilateral.fem.residual_rounding import max_row_entries
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.adapted import AdaptedMesh, refined
-from unilateral.geometry.adapted import adapted as adapted_mesh
+from unilateral.geometry.adapted import AdaptedMesh, refine_and_balance, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.problem import Problem
-from unilateral.solvers.multigrid import IN_L2, Multigrid, MultigridResult, multigrid
-from unilateral.solvers.multigrid_bounds import dual_norm_below
+from unilateral.solvers.multigrid import RESIDUAL_NORM_SHARE, Multigrid, MultigridResult, build_multigrid
+from unilateral.solvers.multigrid_bounds import multiplier_norm_lower_bound
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
-MOST_COARSE = 50_000
+MAX_COARSE_UNKNOWNS = 50_000
 """The coarsest mesh, whose matrix is factorised, has at most this many unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
 class NestedSpaces:
-    """The spaces on the `levels` of a mesh, with the cells of the last levels; see `nested_cells`."""
+    """The spaces on the `hierarchy` of a mesh, with the cells of its last levels."""
 
     mesh: Mesh
     partition: Partition
-    levels: Hierarchy
-    nested: list[Cells]
+    hierarchy: Hierarchy
+    level_cells: list[LevelCells]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces.
 
-    The iteration begins at the `guess` (n,), which is 0 at fixed nodes, by default on coarser levels. Each
+    The iteration begins at `start_u` (n,), which is 0 at clamped nodes, by default on coarser levels. Each
     cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so it is set to 1:
     algebraic bounds are then in ||.||_{-1/2,h}.
     """
 
     spaces: NestedSpaces
-    guess: Array | None = None
+    start_u: Array | None = None
 
     @property
     def unique(self) -> bool:
+        """Whether lambda_H is known to be the only one: always, since each cell has a node inside."""
         return True
 
     @property
     def beta(self) -> float:
+        """The number 1 in place of beta, with which algebraic bounds are in ||.||_{-1/2,h}."""
         return 1.0
 
     @cached_property
-    def grids(self) -> Multigrid:
+    def multigrid(self) -> Multigrid:
         """The problem on all levels of its spaces."""
-        load, g_means = self.of_rest
+        load, g_means = self.homogeneous_data
         integrals = (self.partition.lengths * g_means)[self.cells]
-        return multigrid(self.spaces.levels, self.spaces.nested, load, integrals)
+        return build_multigrid(self.spaces.hierarchy, self.spaces.level_cells, load, integrals)
 
-    def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H), with an algebraic bound of at most `stop.tolerance`.
+    def solve(self, stop: Stop) -> DiscreteSolution:
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
 
         Without a tolerance it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are
         no coarser levels to begin with, of the bound on that. The algebraic bound itself is guaranteed.
         """
-        solution = self.iterated(stop.tolerance, stop)
-        if stop.tolerance is not None or len(self.grids.grids) > 1:
+        solution = self.iterate(stop.tolerance, stop)
+        if stop.tolerance is not None or len(self.multigrid.grids) > 1:
             return solution
-        return self.within(solution, stop)
+        return self.improve_to_fraction(solution, stop)
 
-    def iterated(
-        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    def iterate(
+        self,
+        tolerance: float | None,
+        stop: Stop,
+        start: Array | None = None,
+        predicted_total: float = math.inf,
     ) -> DiscreteSolution:
         """The solution up to a tolerance, if one is given; cells with start (m,) > 0 are active first.
 
-        Where the bound on the total error will be about `total`, the residual is made small against that,
-        too.
+        Where the bound on the total error will be about `predicted_total`, the residual is made small against
+        that, too.
         """
-        begin = None if self.guess is None or start is None else (self.guess, start > 0)
-        return self._solution(self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total))
+        first_guess = None if self.start_u is None or start is None else (self.start_u, start > 0)
+        max_residual_norm = RESIDUAL_NORM_SHARE * predicted_total
+        return self._convert_result(
+            self.multigrid.solve(tolerance, first_guess, stop.fraction, max_residual_norm=max_residual_norm)
+        )
 
-    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        start = solution.u_h - self.held, solution.result.lambda_H > 0
-        more = self._solution(self.grids.solve(tolerance, start, in_L2=IN_L2 * tolerance / stop.fraction))
-        return replace(more, result=more.result.after(solution.result))
+    def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        """The solution, iterated further to a smaller tolerance."""
+        start = solution.u_h - self.dirichlet_lift, solution.result.lambda_H > 0
+        further_solution = self._convert_result(
+            self.multigrid.solve(
+                tolerance, start, max_residual_norm=RESIDUAL_NORM_SHARE * tolerance / stop.fraction
+            )
+        )
+        return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        return dual_norm_below(self.grids.grids, lambda_H)
+        """A lower bound on ||lambda_H||_{-1/2,h}."""
+        return multiplier_norm_lower_bound(self.multigrid.grids, lambda_H)
 
-    def _solution(self, of: MultigridResult) -> DiscreteSolution:
-        finest = of.counts[-1][0]
-        steps = sum(count for level, count in of.counts if level == finest)
-        u_h = self.held + of.u
-        bound = of.bound + self._rounding(u_h)
-        result = DualResult(of.lambda_H, steps, steps, bound, of.converged, math.nan, "multigrid")
-        return self.solution(result, of.tolerance, u_h)
+    def _convert_result(self, multigrid_result: MultigridResult) -> DiscreteSolution:
+        """The solution u_D + u of a multigrid result, with the steps on the finest level as its steps."""
+        finest = multigrid_result.iteration_counts[-1][0]
+        steps = sum(count for level, count in multigrid_result.iteration_counts if level == finest)
+        u_h = self.dirichlet_lift + multigrid_result.u
+        bound = multigrid_result.bound + self._bound_lift_rounding(u_h)
+        result = DualResult(
+            multigrid_result.lambda_H,
+            iterations=steps,
+            operator_applications=steps,
+            bound=bound,
+            converged=multigrid_result.converged,
+            rho=math.nan,
+            algorithm="multigrid",
+        )
+        return self.make_solution(result, multigrid_result.tolerance, u_h)
 
-    def _rounding(self, u_h: Array) -> float:
-        """A bound on the norm of what rounding has done to the sum `held` + of.u."""
-        if not self.held.any():
+    def _bound_lift_rounding(self, u_h: Array) -> float:
+        """A bound on the norm of what rounding has done to the sum u_h of the Dirichlet lift and u."""
+        if not self.dirichlet_lift.any():
             return 0.0
-        A = self.grids.finest.of.A
-        return EPS * terms(A) ** 0.5 * float(dnrm2(np.sqrt(A.diagonal()) * u_h))
+        # ||e||^2 <= (entries in a row) sum A_ii e_i^2 for e with |e_i| <= EPS |u_i|, as A_ij^2 <= A_ii A_jj
+        A = self.multigrid.finest.hierarchy.A
+        return EPS * max_row_entries(A) ** 0.5 * float(dnrm2(np.sqrt(A.diagonal()) * u_h))
 
 
 def nested_spaces(
-    mesh: Mesh, partition: Partition, known: Hierarchy | None = None, form: Form = H1
+    mesh: Mesh, partition: Partition, hierarchy: Hierarchy | None = None, form: Form = H1
 ) -> NestedSpaces | None:
-    """The spaces on the levels of a mesh, which may be `known`, or else those for a form.
+    """The spaces on the levels of a mesh: those of a `hierarchy`, if it is given, else those for a form.
 
-    None where the mesh has no coarse level, or one of more than MOST_COARSE unknowns, or where its levels
+    None where the mesh has no coarse level, or one of more than MAX_COARSE_UNKNOWNS, or where its levels
     cannot follow the partition: a point of the partition is no node of the mesh, or a cell has one edge only.
     """
     coarse = mesh.coarse or mesh
-    if known is None and (not mesh.steps or coarse.n_nodes > MOST_COARSE):
+    if hierarchy is None and (not mesh.steps or coarse.n_nodes > MAX_COARSE_UNKNOWNS):
         return None
-    levels = known or hierarchy(mesh, form=form)
+    levels = hierarchy or build_hierarchy(mesh, form=form)
     nested = nested_cells(levels, partition)
     return None if nested is None else NestedSpaces(mesh, partition, levels, nested)
 
 
-def on_levels(
-    problem: Problem, spaces: NestedSpaces, source: Source | None = None, guess: Array | None = None
+def discretise_on_nested_spaces(
+    problem: Problem, spaces: NestedSpaces, source: Source | None = None, start_u: Array | None = None
 ) -> MultilevelProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known.
 
-    The iteration begins at the `guess` (n,). The data of a case are only enclosed where its f is, or where
+    The iteration begins at the `start_u` (n,). The data of a case are only enclosed where its f is, or where
     the iteration ends by a bound on the error, as it does on one level.
     """
-    mesh, partition, form = spaces.mesh, spaces.partition, spaces.levels.form
-    data: MeshData | None = None
-    if problem.exact and source is None and len(spaces.nested) > 1:
+    mesh = spaces.mesh
+    partition = spaces.partition
+    form = spaces.hierarchy.form
+    data: EnclosedData | None = None
+    # nested iteration ends by an estimate of the error, so that a case needs no bound, and no enclosed data
+    if problem.exact and source is None and len(spaces.level_cells) > 1:
         load = case_load(problem.exact, mesh)
         clamped_values = np.zeros(mesh.n_nodes)
         if form.clamped:
-            clamped_values = constraint(problem.enclosed_obstacle, mesh, form).clamped_values
+            clamped_values = build_constraint(problem.enclosed_obstacle, mesh, form).clamped_values
     else:
         data = enclose_data(problem, mesh, form, source)
         load = data.load
@@ -161,82 +188,93 @@ def on_levels(
     return MultilevelProblem(
         mesh=mesh,
         partition=partition,
-        cells=np.flatnonzero(form.held(partition.side)),
+        cells=np.flatnonzero(form.has_multiplier(partition.side)),
         load=load,
         g_means=obstacle_means(problem, partition),
         data=data,
         form=form,
-        held=_extended(clamped_values, mesh, form),
+        dirichlet_lift=_extend_clamped_values(clamped_values, mesh, form),
         spaces=spaces,
-        guess=guess,
+        start_u=start_u,
     )
 
 
-def _extended(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
-    """(n,) the function with these values on clamped sides, which falls to 0 on triangles of the first mesh.
+def _extend_clamped_values(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
+    """The function (n,) with these values on clamped sides that falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
-    held = clamped_values.copy()
+    lift = clamped_values.copy()
     if form.clamped:
-        fixed = form.fixed(mesh)
+        clamped_nodes = form.clamped_nodes(mesh)
         for step in mesh.steps:
-            new = slice(step.n, step.n + len(step.ends))
-            held[new] = np.where(fixed[new], held[new], held[step.ends].mean(axis=1))
-    return held
+            new_nodes = slice(step.n_old_nodes, step.n_old_nodes + len(step.ends))
+            lift[new_nodes] = np.where(
+                clamped_nodes[new_nodes], lift[new_nodes], lift[step.ends].mean(axis=1)
+            )
+    return lift
 
 
-def discretise_nested(
+def discretise_on_adapted_mesh(
     problem: Problem,
-    of: AdaptedMesh,
-    before: MultilevelProblem | None = None,
-    last: DiscreteSolution | None = None,
+    adapted: AdaptedMesh,
+    previous: MultilevelProblem | None = None,
+    previous_solution: DiscreteSolution | None = None,
 ) -> MultilevelProblem:
     """The problem on a mesh and its cells.
 
-    If this mesh was refined from that of the problem `before`, whose solution is the `last` one, f is
+    If this mesh was refined from that of the problem `previous`, whose solution is `previous_solution`, f is
     enclosed on new triangles only, and the iteration begins at that solution.
     """
-    mesh = of.mesh
-    form = before.form if before else form_of(problem, mesh)
-    known = before.data.source if before and before.data else None
-    source = enclose_source(mesh, problem.source, form, known)
-    levels = hierarchy(mesh, before.spaces.levels if before else None, form)
-    guess = np.zeros(mesh.n_nodes)
-    if before and last:
-        guess[: len(last.u_h)] = last.u_h - before.held
-        for level in levels.levels:
-            if level.n > len(last.u_h):
-                level.prolong(guess)
-    spaces = nested_spaces(mesh, of.partition, levels)
+    mesh = adapted.mesh
+    form = previous.form if previous else problem_form(problem, mesh)
+    known_source = previous.data.source if previous and previous.data else None
+    source = enclose_source(mesh, problem.source, form, known_source)
+    hierarchy = build_hierarchy(mesh, previous.spaces.hierarchy if previous else None, form)
+    # the last solution, less its Dirichlet lift, interpolated on the new levels
+    start_u = np.zeros(mesh.n_nodes)
+    if previous and previous_solution:
+        start_u[: len(previous_solution.u_h)] = previous_solution.u_h - previous.dirichlet_lift
+        for level in hierarchy.levels:
+            if level.n > len(previous_solution.u_h):
+                level.prolong(start_u)
+    spaces = nested_spaces(mesh, adapted.partition, hierarchy)
     assert spaces is not None
-    return on_levels(problem, spaces, source, guess)
+    return discretise_on_nested_spaces(problem, spaces, source, start_u)
 
 
-def refinements(
-    problem: Problem, mesh: Mesh, stop: Stop, chosen: Callable[[DiscreteSolution], Index], most: float
+def solve_refinements(
+    problem: Problem,
+    mesh: Mesh,
+    stop: Stop,
+    choose_triangles: Callable[[DiscreteSolution], Index],
+    max_unknowns: float,
 ) -> Iterator[DiscreteSolution]:
-    """The solutions on a mesh with two boundary edges in each cell, and on finer ones, up to `most` unknowns.
+    """The solutions on a mesh with two boundary edges in each cell, and on finer and finer ones.
 
-    `chosen` gives the triangles (k,) of a mesh that are refined, from the solution on it. The next solve
-    starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1. Raises
-    InputError as `chosen` does.
+    `choose_triangles` gives the triangles (k,) of a mesh that are refined, from the solution on it. The next
+    solve starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1.
+    Raises InputError as `choose_triangles` does.
     """
-    of = adapted_mesh(mesh)
+    adapted = start_adapted_mesh(mesh)
     discrete: MultilevelProblem | None = None
-    last: DiscreteSolution | None = None
-    while of.mesh.n_nodes <= most:
-        discrete = discretise_nested(problem, of, discrete, last)
-        last = _solved(last, discrete, stop)
-        yield last
-        of = refined(of, chosen(last))
+    solution: DiscreteSolution | None = None
+    while adapted.mesh.n_nodes <= max_unknowns:
+        discrete = discretise_on_adapted_mesh(problem, adapted, discrete, solution)
+        solution = _solve_from_previous(solution, discrete, stop)
+        yield solution
+        adapted = refine_and_balance(adapted, choose_triangles(solution))
 
 
-def _solved(last: DiscreteSolution | None, discrete: MultilevelProblem, stop: Stop) -> DiscreteSolution:
+def _solve_from_previous(
+    previous_solution: DiscreteSolution | None, discrete: MultilevelProblem, stop: Stop
+) -> DiscreteSolution:
     """The solution of a problem, from that on the mesh before, if there is one."""
-    if last is None:
-        return discrete.within(discrete.iterated(None, stop), stop)
-    start = last.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
-    total = last.total("h1")
-    solution = discrete.iterated(AIM * stop.fraction * total, stop, start, total)
-    return discrete.within(solution, stop)
+    if previous_solution is None:
+        return discrete.improve_to_fraction(discrete.iterate(None, stop), stop)
+    start = previous_solution.partition.means(previous_solution.lambda_H, discrete.partition.points)[
+        discrete.cells
+    ]
+    total = previous_solution.total_bound("h1")
+    solution = discrete.iterate(RETRY_TOLERANCE_SHARE * stop.fraction * total, stop, start, total)
+    return discrete.improve_to_fraction(solution, stop)

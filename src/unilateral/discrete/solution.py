@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import edge_flux
-from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
-from unilateral.bounds.mesh_data import MeshData
-from unilateral.bounds.residual_norm import SUMS
+from unilateral.bounds.boundary_flux import build_normal_flux
+from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.bounds.local_bounds import Bound, equilibrate_source, local_bound
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, energy_norm
@@ -61,7 +61,7 @@ class DiscreteSolution:
         on the errors of u_h make their flux from it.
     """
 
-    data: MeshData | None
+    data: EnclosedData | None
     mesh: Mesh
     partition: Partition
     form: Form
@@ -83,13 +83,13 @@ class DiscreteSolution:
         return f"DiscreteSolution: {self.mesh.n_nodes} unknowns, {len(self.cells)} multipliers"
 
     @property
-    def foreign(self) -> bool:
+    def is_foreign(self) -> bool:
         """Whether u_h is of another program."""
         return self.potential is not None
 
     @cached_property
     def gap(self) -> Array:
-        """(all cells,) the means of u_h - g, NaN on cells without a multiplier."""
+        """The means of u_h - g on all cells, NaN on cells without a multiplier; shape (all cells,)."""
         means = coupling(self.mesh, self.partition) @ self.u_h[self.mesh.boundary] / self.partition.lengths
         gap = np.full(self.partition.n_cells, math.nan)
         gap[self.cells] = (means - self.g_means)[self.cells]
@@ -99,24 +99,25 @@ class DiscreteSolution:
         """The guaranteed bounds on the errors, if there are data; sharp ones take more time."""
         return self.sharp_bound if sharp else self.local_bound
 
-    def known(self, sharp: bool = False) -> bool:
+    def has_bound(self, sharp: bool = False) -> bool:
         """Whether the bounds are already computed."""
         return ("sharp_bound" if sharp else "local_bound") in vars(self)
 
     @cached_property
     def local_bound(self) -> Bound | None:
         """The cheap bounds; None without data."""
-        return self._bounded_by(local_bound)
+        return self._compute_bound(local_bound)
 
     @cached_property
     def sharp_bound(self) -> Bound | None:
         """The sharp bounds; None without data."""
-        return self._bounded_by(sharp_bound)
+        return self._compute_bound(sharp_bound)
 
-    def _bounded_by(self, estimate: Callable[..., Bound]) -> Bound | None:
+    def _compute_bound(self, compute: Callable[..., Bound]) -> Bound | None:
+        """The bounds by one of the two functions; None without data."""
         if self.data is None:
             return None
-        return estimate(
+        return compute(
             self.data,
             self.partition,
             self.u_h,
@@ -127,39 +128,47 @@ class DiscreteSolution:
 
     @cached_property
     def flux(self) -> Array | None:
-        """(2, E) the flux of the cheap bound, as `equilibrated` gives it; None without data."""
+        """Equilibrated flux of the cheap bound, by normal components (2, E) on edges; None without data."""
         if self.data is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
-        sigma = edge_flux(self.mesh, self.partition, self.lambda_H, potential, self.form).ends
-        return flux_of(self.data.source, potential, sigma + self.data.tau.ends, self.form)
+        sigma = build_normal_flux(self.mesh, self.partition, self.lambda_H, potential, self.form).end_values
+        return equilibrate_source(
+            self.data.source, potential, sigma + self.data.given_flux.end_values, self.form
+        )
 
     @property
-    def shares(self) -> Array:
-        """(triangles,) parts of the square of the cheap bound on ||u - u_h||_1; 0 if it is unknown."""
+    def bound_shares(self) -> Array:
+        """Shares (m,) of the triangles in the square of the cheap bound on ||u - u_h||_1; 0 without data."""
         return self.local_bound.shares if self.local_bound else np.zeros(len(self.mesh.triangles))
 
-    def total(self, norm: str, sharp: bool = False) -> float:
+    def total_bound(self, norm: str, sharp: bool = False) -> float:
         """The bound on ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
         bound = self.bound(sharp)
         if bound is None:
             return math.inf
         return bound.u if norm == "h1" else bound.lambda_
 
-    def algebraic(self, norm: str) -> float:
+    def algebraic_bound(self, norm: str) -> float:
         """The bound on the iteration's part of that error; for lambda it is divided by beta.
 
-        It says when to stop. `total` includes the error of the iteration, and does not rest on this bound.
+        It says when to stop. `total_bound` includes the error of the iteration, and does not rest on this
+        bound.
         """
         if norm == "hm12" and len(self.cells) == 0:
             return 0.0
         beta = 1.0 if norm == "h1" else self.beta
         return self.result.bound / beta if beta > 0 else math.inf
 
-    def size(self, norm: str, sharp: bool = False) -> float:
+    def norm_lower_bound(self, norm: str, sharp: bool = False) -> float:
         """A lower bound on the norm of the exact solution, from that of the discrete one."""
+        # ||u|| >= ||u_h|| - ||u - u_h||; on the exact mesh ||u_h|| may be smaller by its factor
         discrete_norm = self.u_norm if norm == "h1" else self.lambda_norm
-        return max((1 - SUMS) * discrete_norm / self.mesh.growth - self.total(norm, sharp), 0.0)
+        return max(
+            (1 - SQUARES_ROUNDING) * discrete_norm / self.mesh.exact_mesh_factor
+            - self.total_bound(norm, sharp),
+            0.0,
+        )
 
 
 def replace_u(solution: DiscreteSolution, u_h: Array) -> DiscreteSolution:
@@ -168,11 +177,11 @@ def replace_u(solution: DiscreteSolution, u_h: Array) -> DiscreteSolution:
         solution,
         u_h=u_h,
         u_norm=energy_norm(solution.mesh, u_h, solution.form),
-        u_integral=integral(solution.mesh, u_h),
+        u_integral=integrate_linear(solution.mesh, u_h),
         potential=solution.u_h,
     )
 
 
-def integral(mesh: Mesh, u_h: Array) -> float:
+def integrate_linear(mesh: Mesh, u_h: Array) -> float:
     """The integral of u_h (n,)."""
     return float(mesh.areas @ u_h[mesh.triangles].mean(axis=1))

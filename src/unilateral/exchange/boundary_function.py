@@ -20,117 +20,137 @@ from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, overlay
-from unilateral.norms.functionals import values_on
+from unilateral.norms.functionals import evaluate_on_cells
 from unilateral.norms.ritz import hat_load
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
     from unilateral.problems.problem import Problem
 
-ROUNDING = 1e-12
+MAX_CELL_VARIATION = 1e-12
+"""A function varies on a cell if it does by more than this fraction of its largest value."""
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
-    """A function that is linear on each cell, with the values `ends` (m, 2) at the ends of the cell.
+class BoundaryFunction:
+    """A function that is linear on each cell, with the values `end_values` (m, 2) at the ends of the cell.
 
-    `nodal` (nb,) are its values at the boundary nodes where it is P1, None where it is constant on the cells.
+    `nodal_values` (nb,) are its values at the boundary nodes where it is P1, None where it is constant on the
+    cells.
     """
 
-    cells: Partition
-    ends: Array
-    nodal: Array | None = None
+    partition: Partition
+    end_values: Array
+    nodal_values: Array | None = None
 
     @property
     def values(self) -> Array:
-        """(m,) the values of a function that is constant on the cells, else `ends`."""
-        return self.ends[:, 0] if self.nodal is None else self.ends
+        """Values (m,) on the cells if the function is constant on them, else (m, 2) at both ends of each."""
+        return self.end_values[:, 0] if self.nodal_values is None else self.end_values
 
     def load(self, mesh: Mesh) -> Array:
-        """<mu, phi_j> (nb,) of the boundary hats."""
-        cuts, edge, cell = overlay(mesh.s, self.cells.points)
+        """Load <mu, phi_j> (nb,) of the boundary hats."""
+        # mu phi_j is a polynomial between the ends of cells and of edges
+        cuts, edge, cell = overlay(mesh.s, self.partition.points)
         rule = boundary_rule(mesh.polygon, cuts)
-        values = values_on(self.cells, rule, cell[rule.interval], self.values[None])[:, 0]
+        values = evaluate_on_cells(self.partition, rule, cell[rule.interval], self.values[None])[:, 0]
         return hat_load(mesh, rule._replace(interval=edge[rule.interval]), values)
 
     def distance(self, exact: ExactSolution) -> float:
-        """||lambda - mu||_0, NaN where lambda is not in L2."""
-        weight, flux, mu = self.beside(exact)
+        """L2 distance ||lambda - mu||_0 from the exact lambda, NaN where that is not in L2."""
+        weight, flux, mu = self.sample_with_exact(exact)
         return math.sqrt(weight @ (flux - mu) ** 2) if exact.flux_in_L2 else math.nan
 
-    def beside(self, exact: ExactSolution) -> tuple[Array, Array, Array]:
+    def sample_with_exact(self, exact: ExactSolution) -> tuple[Array, Array, Array]:
         """Weights (Q,), lambda (Q,) and mu (Q,) at the points of a rule for the singularities of lambda."""
-        rule = boundary_rule(exact.polygon, self.cells.points, exact.singular())
-        flux = exact.boundary(rule.side, rule.s, rule.near)[1]
-        return rule.weight, flux, values_on(self.cells, rule, rule.interval, self.values[None])[:, 0]
+        rule = boundary_rule(exact.polygon, self.partition.points, exact.singular_points())
+        flux = exact.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
+        return (
+            rule.weight,
+            flux,
+            evaluate_on_cells(self.partition, rule, rule.interval, self.values[None])[:, 0],
+        )
 
-    def is_constant_on(self, cells: Partition) -> bool:
-        """Whether it has one value on each of those cells, up to rounding."""
-        _, cell, own = overlay(cells.points, self.cells.points)
-        highest, lowest = np.full(cells.n_cells, -np.inf), np.full(cells.n_cells, np.inf)
-        np.maximum.at(highest, cell, self.ends[own].max(axis=1))
-        np.minimum.at(lowest, cell, self.ends[own].min(axis=1))
-        return bool(np.all(highest - lowest <= ROUNDING * np.abs(self.ends).max()))
+    def is_constant_on(self, partition: Partition) -> bool:
+        """Whether the function has one value on each cell of a partition, up to rounding."""
+        _, cell, mu_cell = overlay(partition.points, self.partition.points)
+        highest = np.full(partition.n_cells, -np.inf)
+        lowest = np.full(partition.n_cells, np.inf)
+        np.maximum.at(highest, cell, self.end_values[mu_cell].max(axis=1))
+        np.minimum.at(lowest, cell, self.end_values[mu_cell].min(axis=1))
+        return bool(np.all(highest - lowest <= MAX_CELL_VARIATION * np.abs(self.end_values).max()))
 
-    def without(self, sides: Sequence[int]) -> Trace:
-        """The function that is 0 on those sides."""
-        return replace(self, ends=np.where(np.isin(self.cells.side, sides)[:, None], 0.0, self.ends))
+    def zero_on_sides(self, sides: Sequence[int]) -> BoundaryFunction:
+        """The function with 0 in place of its values on some sides."""
+        return replace(
+            self, end_values=np.where(np.isin(self.partition.side, sides)[:, None], 0.0, self.end_values)
+        )
 
-    def times(self, factor: float) -> Trace:
+    def scale(self, factor: float) -> BoundaryFunction:
         """The function times a factor."""
-        return Trace(self.cells, factor * self.ends, None if self.nodal is None else factor * self.nodal)
+        return BoundaryFunction(
+            self.partition,
+            factor * self.end_values,
+            None if self.nodal_values is None else factor * self.nodal_values,
+        )
 
-    def carried(self, mesh: Mesh, node: Index) -> Trace:
-        """The function with its values at the boundary nodes taken from other nodes, `node` (n,).
-
-        If it is constant on cells it stays as it is.
-        """
-        if self.nodal is None:
+    def permute_nodes(self, mesh: Mesh, source_nodes: Index) -> BoundaryFunction:
+        """The function with values of `source_nodes` (n,) at nodes; one that is constant on cells stays."""
+        if self.nodal_values is None:
             return self
         values = np.zeros(mesh.n_nodes)
-        values[mesh.boundary] = self.nodal
-        return continuous(mesh, values[node][mesh.boundary])
+        values[mesh.boundary] = self.nodal_values
+        return piecewise_linear(mesh, values[source_nodes][mesh.boundary])
 
-    def moved(self, start: float, clockwise: bool) -> Trace:
-        """The function as it is if the arc length of its cells began at `start`, and ran clockwise or not.
+    def shift_arc_length(self, start: float, clockwise: bool) -> BoundaryFunction:
+        """The function that was meant if its arc length began at `start` and ran clockwise or not.
 
         Raises InputError where a vertex would lie inside a cell.
         """
-        middle = 0.5 * (self.cells.points[1:] + self.cells.points[:-1])
-        order = np.argsort((start + (-middle if clockwise else middle)) % self.cells.polygon.perimeter)
-        points = np.append(0.0, np.cumsum(self.cells.lengths[order]))
-        return constant(from_points(self.cells.polygon, points), self.values[order])
+        # cells in the order of what their middles are on the true boundary
+        middle = 0.5 * (self.partition.points[1:] + self.partition.points[:-1])
+        order = np.argsort((start + (-middle if clockwise else middle)) % self.partition.polygon.perimeter)
+        points = np.append(0.0, np.cumsum(self.partition.lengths[order]))
+        return piecewise_constant(from_points(self.partition.polygon, points), self.values[order])
 
 
-def constant(cells: Partition, values: Array) -> Trace:
-    """The function with the values (m,) on the cells."""
-    return Trace(cells, np.repeat(values[:, None], 2, axis=1))
+def piecewise_constant(partition: Partition, values: Array) -> BoundaryFunction:
+    """The function that has the values (m,) on the cells."""
+    return BoundaryFunction(partition, np.repeat(values[:, None], 2, axis=1))
 
 
-def continuous(mesh: Mesh, values: Array) -> Trace:
+def piecewise_linear(mesh: Mesh, values: Array) -> BoundaryFunction:
     """The function that is linear on the boundary edges, with the values (nb,) at the boundary nodes."""
-    return Trace(Partition(mesh.polygon, mesh.s), np.column_stack([values, np.roll(values, -1)]), values)
+    return BoundaryFunction(
+        Partition(mesh.polygon, mesh.s), np.column_stack([values, np.roll(values, -1)]), values
+    )
 
 
-def of_reactions(mesh: Mesh, reactions: Array) -> Trace:
-    """The continuous mu with <mu, phi_j> = the reactions (nb,): by the boundary mass matrix."""
-    return continuous(mesh, np.asarray(spsolve(boundary_mass(mesh).tocsc(), reactions)))
+def represent_reactions(mesh: Mesh, reactions: Array) -> BoundaryFunction:
+    """The continuous P1 function mu with <mu, phi_j> = the reactions (nb,): M mu = r on the boundary."""
+    return piecewise_linear(mesh, np.asarray(spsolve(boundary_mass(mesh).tocsc(), reactions)))
 
 
-def has_obstacle(case: Problem, side: Index) -> Mask:
-    """(k,) which of the sides (k,) are neither free nor clamped."""
-    return ~np.isin(side, [*case.free_sides, *case.clamped_sides])
+def has_obstacle(case: Problem, sides: Index) -> Mask:
+    """Whether each of some sides (k,) has an obstacle, so is neither free nor clamped."""
+    return ~np.isin(sides, [*case.free_sides, *case.clamped_sides])
 
 
-def obstacle(case: Problem, mesh: Mesh) -> Array:
-    """(nb,) g at the boundary nodes, NaN where both edges are free, and on clamped sides."""
-    nb, edges = len(mesh.boundary), has_obstacle(case, mesh.side)
-    of_end, g = np.roll(mesh.side, 1), np.full(len(edges), np.nan)
-    before = np.flatnonzero(~edges & np.roll(edges, 1))
-    side, s = np.where(edges, mesh.side, of_end), mesh.s[:-1].copy()
+def obstacle_at_nodes(case: Problem, mesh: Mesh) -> Array:
+    """Values (nb,) of g at the boundary nodes, NaN where both edges are free, and on clamped sides."""
+    nb = len(mesh.boundary)
+    has_contact = has_obstacle(case, mesh.side)
+    previous_side = np.roll(mesh.side, 1)
+    g = np.full(len(has_contact), np.nan)
+    # g is evaluated on the edge that begins at a node; if that is free, at the end of the one before
+    before = np.flatnonzero(~has_contact & np.roll(has_contact, 1))
+    side = np.where(has_contact, mesh.side, previous_side)
+    s = mesh.s[:-1].copy()
     s[before] = mesh.s[np.where(before == 0, nb, before)]
-    clamped = Form(clamped=case.clamped_sides).fixed(mesh)[mesh.boundary]
-    held = np.flatnonzero((edges | np.roll(edges, 1)) & ~clamped)
-    u, _, gap = case.known_solution().boundary(side[held], s[held] - mesh.polygon.starts[side[held]])
-    g[held] = u - gap
+    clamped = Form(clamped=case.clamped_sides).clamped_nodes(mesh)[mesh.boundary]
+    nodes = np.flatnonzero((has_contact | np.roll(has_contact, 1)) & ~clamped)
+    u, _, gap = case.known_solution().trace_flux_and_gap(
+        side[nodes], s[nodes] - mesh.polygon.starts[side[nodes]]
+    )
+    g[nodes] = u - gap
     return g

@@ -16,13 +16,20 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.derivative import derivative
-from unilateral.formulas.exact_numbers import apply
-from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
-from unilateral.formulas.formula import Formulas
-from unilateral.problems.atoms import Smooth, Tensor, X, Y, laplacian
+from unilateral.formulas.exact_numbers import apply_function
+from unilateral.formulas.expression import (
+    ZERO,
+    Expression,
+    Primitive,
+    primitive_expression,
+    rational_expression,
+    variable,
+)
+from unilateral.formulas.formula import FormulaEvaluation
+from unilateral.problems.atoms import SmoothAtom, TensorAtom, X, Y, laplacian
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.fields import listed
-from unilateral.problems.polar_atoms import THETA, Polar
+from unilateral.problems.fields import join_sides
+from unilateral.problems.polar_atoms import THETA, PolarAtom
 
 DEFINITIONS = (
     "from numpy import *\n"
@@ -34,131 +41,145 @@ DEFINITIONS = (
 NO_FORMULAS = "there are no closed formulas, because u is a sum over the intervals of a Cantor set"
 COORDINATES = {"python": ("x", "y"), "ufl": ("x[0]", "x[1]")}
 ARGUMENTS = {"python": "x, y", "ufl": "x"}
-"""COORDINATES is how a module of each kind writes coordinates, ARGUMENTS what its functions take."""
-SIMPLE = 1024
+"""Coordinates in a module of each kind, and the arguments of its functions."""
+MAX_PRINTED_DENOMINATOR = 1024
 """Fractions with a denominator up to this are written as fractions."""
-Closed = Smooth | Tensor | Polar
-HALF = Fraction(1, 2)
+ClosedAtom = SmoothAtom | TensorAtom | PolarAtom
+ROOT_EXPONENT = Fraction(1, 2)
 
 
-def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
-    """The formulas `u`, `f` and the two of `grad_u`, and `g`, `gap` and `lambda` per side.
+def derive_case_formulas(
+    case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["python"]
+) -> dict[str, Any]:
+    """Formulas as text: `u`, `f` and the two of `grad_u`, and lists of `g`, `gap` and `lambda` per side.
 
     Each is None where the case has no closed formula. On clamped sides g is u, and gap and lambda are 0.
     """
     sides = range(case.polygon.n_sides)
-    atoms = [atom for atom in case.atoms if isinstance(atom, Closed)]
+    atoms = [atom for atom in case.atoms if isinstance(atom, ClosedAtom)]
     if len(atoms) < len(case.atoms):
         per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
         return {"u": None, "f": None, "grad_u": [None, None], **per_side}
-    u = sum((_value(atom) for atom in atoms), ZERO)
-    f = sum((_source(atom) for atom in atoms), ZERO)
-    gradient = [sum((_slope(atom, direction) for atom in atoms), ZERO) for direction in np.eye(2)]
-    flux = [sum((_slope(atom, normal) for atom in atoms), ZERO) for normal in case.polygon.normals]
+    # u is the sum of its atoms, f = -Delta u + u, lambda = grad u . n
+    u = sum((_atom_value(atom) for atom in atoms), ZERO)
+    f = sum((_atom_source(atom) for atom in atoms), ZERO)
+    gradient = [sum((_atom_derivative(atom, direction) for atom in atoms), ZERO) for direction in np.eye(2)]
+    flux = [sum((_atom_derivative(atom, normal) for atom in atoms), ZERO) for normal in case.polygon.normals]
     flux = [ZERO if i in case.clamped_sides else flux[i] for i in sides]
     gap = []
     for i in sides:
-        # t is the arc length from the side's start over the side's length
-        (a, b), (p, q) = _exact(case.polygon.vertices[i]), _exact(case.polygon.tangents[i])
+        # t = (x - a) . tangent / length, the arc length from the side's start over the side's length
+        (a, b) = _as_fractions(case.polygon.vertices[i])
+        (p, q) = _as_fractions(case.polygon.tangents[i])
         t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[i])
-        gap.append(_with_values(case.gaps[i], {"t": t}))
+        gap.append(_substitute(case.gaps[i], {"t": t}))
     return {
-        "u": _text(u, coordinates),
-        "f": _text(f if case.c else f - u, coordinates),
-        "grad_u": [_text(each, coordinates) for each in gradient],
-        "g": [_text(u - each, coordinates) for each in gap],
-        "gap": [_text(each, coordinates) for each in gap],
-        "lambda": [_text(each, coordinates) for each in flux],
+        "u": _write_formula(u, coordinates),
+        "f": _write_formula(f if case.c else f - u, coordinates),  # -Delta u if c = 0
+        "grad_u": [_write_formula(slope, coordinates) for slope in gradient],
+        "g": [_write_formula(u - side_gap, coordinates) for side_gap in gap],
+        "gap": [_write_formula(side_gap, coordinates) for side_gap in gap],
+        "lambda": [_write_formula(side_flux, coordinates) for side_flux in flux],
     }
 
 
-def module(case: ExactSolution, kind: str) -> str:
+def render_case_module(case: ExactSolution, kind: str) -> str:
     """A Python module of the case's functions, with numpy for the `kind` "python", else of UFL expressions.
 
     Raises InputError for a case without closed formulas.
     """
-    found = formulas(case, COORDINATES[kind])
-    if found["u"] is None:
+    formulas = derive_case_formulas(case, COORDINATES[kind])
+    if formulas["u"] is None:
         raise InputError(f"case '{case.name}': {NO_FORMULAS}; 'unilateral export' writes f and g at points")
     template = resources.files("unilateral.exchange") / f"{kind}.template.txt"
-    g, flux = (
-        "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found[name])
-        for name in ("g", "lambda")
-    )
+    g = "".join(f"    lambda {ARGUMENTS[kind]}: {formula},\n" for formula in formulas["g"])
+    flux = "".join(f"    lambda {ARGUMENTS[kind]}: {formula},\n" for formula in formulas["lambda"])
     return template.read_text(encoding="utf-8").format(
         name=case.name,
         title=case.title,
         polygon=case.polygon.name,
         equation="-lap u + u = f" if case.c else "-lap u = f",
-        clamped=f", but u = g on the sides {listed(case.clamped_sides)}" if case.clamped_sides else "",
+        clamped=f", but u = g on the sides {join_sides(case.clamped_sides)}" if case.clamped_sides else "",
         vertices=case.polygon.vertices.tolist(),
         definitions=DEFINITIONS,
-        u=found["u"],
-        f=found["f"],
-        grad_u=", ".join(found["grad_u"]),
+        u=formulas["u"],
+        f=formulas["f"],
+        grad_u=", ".join(formulas["grad_u"]),
         g=g,
         lambda_=flux,
     )
 
 
-class _Written(Formulas):
+class _FormulaWriter(FormulaEvaluation):
     """A formula with its coordinates and unwieldy numbers as names, for its text."""
 
     def number(self, value: Fraction) -> Expression:
-        if value.denominator <= SIMPLE and abs(value.numerator) < 1 << 53:
-            return number(value)
-        return variable(repr(abs(float(value)))).scaled(1 if value > 0 else -1)
+        """The number itself if it is a simple fraction, else a variable whose name has its decimal digits."""
+        if value.denominator <= MAX_PRINTED_DENOMINATOR and abs(value.numerator) < 1 << 53:
+            return rational_expression(value)
+        return variable(repr(abs(float(value)))).scale(1 if value > 0 else -1)
 
 
-def _text(e: Expression, coordinates: tuple[str, str]) -> str:
+def _write_formula(formula: Expression, coordinates: tuple[str, str]) -> str:
     """A formula in x and y as Python has it; numbers with all their digits."""
-    names = {Atom(old): variable(new) for old, new in zip("xy", coordinates, strict=True)}
-    return str(_Written((e,), names).of(e))
+    names = {Primitive(old): variable(new) for old, new in zip("xy", coordinates, strict=True)}
+    return str(_FormulaWriter((formula,), names).evaluate(formula))
 
 
-def _exact(values: Iterable[float]) -> list[Fraction]:
+def _as_fractions(values: Iterable[float]) -> list[Fraction]:
     return [Fraction(float(value)) for value in values]
 
 
-def _in_xy(atom: Tensor | Polar, e: Expression) -> Expression:
-    """A formula in the atom's own coordinates, in x and y."""
-    a, b = _exact(atom.centre)
-    along, into = (((X - a) * p + (Y - b) * q) / Fraction(atom.length) for p, q in map(_exact, atom.frame))
-    radius, angle = (along**2 + into**2) ** HALF, expression(Atom("angle", (into, along)))
-    return _with_values(e, {"t": along, "d": into, "r": radius, "theta": angle})
+def _convert_to_xy(atom: TensorAtom | PolarAtom, formula: Expression) -> Expression:
+    """A formula in an atom's coordinates t, d or r, theta as one in x and y."""
+    # t and d are coordinates of (x - centre)/length in the atom's frame; r and theta are polar ones
+    a, b = _as_fractions(atom.centre)
+    (p, q), (r, s) = map(_as_fractions, atom.frame)
+    along = ((X - a) * p + (Y - b) * q) / Fraction(atom.length)
+    into = ((X - a) * r + (Y - b) * s) / Fraction(atom.length)
+    radius = (along**2 + into**2) ** ROOT_EXPONENT
+    angle = primitive_expression(Primitive("angle", (into, along)))
+    return _substitute(formula, {"t": along, "d": into, "r": radius, "theta": angle})
 
 
-def _with_values(e: Expression, values: Mapping[str, Expression]) -> Expression:
+def _substitute(formula: Expression, values: Mapping[str, Expression]) -> Expression:
     """The formula with other formulas for its variables."""
-    return Formulas((e,), {Atom(name): value for name, value in values.items()}).of(e)
+    return FormulaEvaluation((formula,), {Primitive(name): value for name, value in values.items()}).evaluate(
+        formula
+    )
 
 
-def _value(atom: Closed) -> Expression:
-    if isinstance(atom, Smooth):
+def _atom_value(atom: ClosedAtom) -> Expression:
+    """An atom u(x) = L v((x - centre)/L) in x and y, for a length L."""
+    if isinstance(atom, SmoothAtom):
         return atom.u
-    v = atom.derived[0] if isinstance(atom, Polar) else atom.v
-    return Fraction(atom.length) * _in_xy(atom, v)
+    v = atom.derivatives[0] if isinstance(atom, PolarAtom) else atom.v
+    return Fraction(atom.length) * _convert_to_xy(atom, v)
 
 
-def _source(atom: Closed) -> Expression:
-    """-Delta u + u."""
-    if isinstance(atom, Smooth):
+def _atom_source(atom: ClosedAtom) -> Expression:
+    """Source -Delta u + u of an atom, with Delta u = (Delta v)/L."""
+    if isinstance(atom, SmoothAtom):
         return atom.u - laplacian(atom.u, "x", "y")
-    laplacian_v = atom.derived[3] if isinstance(atom, Polar) else laplacian(atom.v, "t", "d")
-    return _value(atom) - _in_xy(atom, laplacian_v) / Fraction(atom.length)
+    laplacian_v = atom.derivatives[3] if isinstance(atom, PolarAtom) else laplacian(atom.v, "t", "d")
+    return _atom_value(atom) - _convert_to_xy(atom, laplacian_v) / Fraction(atom.length)
 
 
-def _slope(atom: Closed, direction: Array) -> Expression:
-    """The derivative of u in a direction."""
-    n_x, n_y = _exact(direction)
-    if isinstance(atom, Smooth):
+def _atom_derivative(atom: ClosedAtom, direction: Array) -> Expression:
+    """Derivative of an atom in a direction, grad v . direction, as the lengths cancel."""
+    n_x, n_y = _as_fractions(direction)
+    if isinstance(atom, SmoothAtom):
         return derivative(atom.u, "x") * n_x + derivative(atom.u, "y") * n_y
-    if isinstance(atom, Tensor):
-        along, into = derivative(atom.v, "t"), derivative(atom.v, "d")
+    if isinstance(atom, TensorAtom):
+        along = derivative(atom.v, "t")
+        into = derivative(atom.v, "d")
     else:
-        _, radial, angular, _ = atom.derived
-        cos, sin = apply("cos", THETA), apply("sin", THETA)
-        along, into = radial * cos - angular * sin, radial * sin + angular * cos
-    (along_x, along_y), (into_x, into_y) = map(_exact, atom.frame)
+        # v_t = v_r cos theta - (v_theta/r) sin theta, v_d = v_r sin theta + (v_theta/r) cos theta
+        _, radial, angular, _ = atom.derivatives
+        cos = apply_function("cos", THETA)
+        sin = apply_function("sin", THETA)
+        along = radial * cos - angular * sin
+        into = radial * sin + angular * cos
+    (along_x, along_y), (into_x, into_y) = map(_as_fractions, atom.frame)
     slope = along * (along_x * n_x + along_y * n_y) + into * (into_x * n_x + into_y * n_y)
-    return _in_xy(atom, slope)
+    return _convert_to_xy(atom, slope)

@@ -14,164 +14,237 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
-from unilateral.exchange.boundary_function import Trace, constant, of_reactions
-from unilateral.exchange.discrete_conditions import ROUNDING, conditions, mistaken, moves
-from unilateral.exchange.equation_bugs import EXPLAINS, explanations, not_given, renumbered, with_load
-from unilateral.exchange.equation_residual import Fit, Residual, flux_load
-from unilateral.exchange.exported_folder import Foreign
-from unilateral.exchange.fault import Fault, either, unexplained, wrong
+from unilateral.exchange.boundary_function import BoundaryFunction, piecewise_constant, represent_reactions
+from unilateral.exchange.discrete_conditions import (
+    ZERO_VALUE_RATIO,
+    list_arc_length_shifts,
+    list_conditions,
+    list_mistaken_conditions,
+)
+from unilateral.exchange.equation_bugs import (
+    MAX_UNEXPLAINED_SHARE,
+    find_clamped_fault,
+    find_renumbering,
+    identify_load,
+    list_repairs,
+)
+from unilateral.exchange.equation_residual import LoadFit, Residual, exact_multiplier_load
+from unilateral.exchange.exported_folder import ForeignSolution
+from unilateral.exchange.fault import Fault, describe_unknown_fault, describe_wrong_factor, merge_alternatives
 from unilateral.fem.p1 import boundary_mass, coupling
-from unilateral.formulas.decimals import down, up
+from unilateral.formulas.decimals import format_down, format_up
 from unilateral.geometry.mesh import Mesh
 from unilateral.norms.dual import Errors
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
-COUNTS = Stop.fraction
+MAX_RESIDUAL_SHARE = Stop.fraction
 """What is left counts if it exceeds this fraction of this project's error on the same level.
 
 Up to there a rate over a factor of 2 changes by 0.03 at most.
 """
-NO_ERROR = 1e-10
+ZERO_ERROR_RATIO = 1e-10
 """An error of lambda below this fraction of the error of u counts as 0."""
-REMARK = "the load is that of f {}; its error adds to yours, and is no fault"
+LOAD_REMARK = "the load is that of f {}; its error adds to yours, and is no fault"
 
 
-class Judged(NamedTuple):
+class Diagnosis(NamedTuple):
     """What is wrong with a solution, and what is not, but worth knowing."""
 
     faults: list[Fault]
     remarks: list[str]
 
 
-def judged(case: Problem, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
-    """What is wrong with a solution, by this project's `own` errors on the level, and its u_h (n,).
+def diagnose_solution(
+    case: Problem, solution: ForeignSolution, discrete: CondensedProblem, reference_errors: Errors, u_h: Array
+) -> Diagnosis:
+    """Faults and remarks of a solution, by what it leaves of the equations that it claims to solve.
 
     A bug inside is told only if without it, and without further known bugs of the multiplier or the
     conditions, a right solution is left. Of several such bugs those are told that need the fewest further
     ones.
     """
-    allowed, mu = COUNTS * own.h1, given.multiplier
-    exported = Residual(discrete, given.u, discrete.load)
-    of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
-    holds, remarks = of.inside <= allowed, [REMARK.format(how)] if how else []
-    found = list(_at_boundary(case, mu, of, own)) if holds else []
-    if holds and all(each.explained for each in found):
-        return Judged(found, remarks)
-    told = [
-        [each.bug, *_at_boundary(case, mu and each.multiplier(mu), each.residual, own)]
-        for each in explanations(case, of, allowed)
-        if mu is not None or not each.both
+    # 1. which load has u's equation, and does the equation hold inside?
+    max_residual = MAX_RESIDUAL_SHARE * reference_errors.h1
+    mu = solution.multiplier
+    exported = Residual(discrete, solution.u, discrete.load)
+    residual, how = identify_load(case, exported, mu.load(discrete.mesh) if mu else None, max_residual)
+    holds = residual.interior_norm <= max_residual
+    remarks = [LOAD_REMARK.format(how)] if how else []
+    # 2. if it does, faults are at the boundary
+    boundary_faults = list(_diagnose_boundary(case, mu, residual, reference_errors)) if holds else []
+    if holds and all(fault.is_explained for fault in boundary_faults):
+        return Diagnosis(boundary_faults, remarks)
+    # 3. else, or if something is unexplained: bugs of the equation without which nothing unexplained is left
+    explanations = [
+        [
+            repair.fault,
+            *_diagnose_boundary(case, mu and repair.repair_multiplier(mu), repair.residual, reference_errors),
+        ]
+        for repair in list_repairs(case, residual, max_residual)
+        if mu is not None or not repair.needs_multiplier
     ]
-    told = [each for each in told if all(fault.explained for fault in each)]
-    if told:
-        fewest = min(map(len, told))
-        best = [each for each in told if len(each) == fewest]
-        return Judged([either([each[0] for each in best]), *best[0][1:]], [])
+    explanations = [
+        explanation for explanation in explanations if all(fault.is_explained for fault in explanation)
+    ]
+    # of several such bugs those that need the fewest further ones
+    if explanations:
+        fewest = min(map(len, explanations))
+        best = [explanation for explanation in explanations if len(explanation) == fewest]
+        return Diagnosis([merge_alternatives([explanation[0] for explanation in best]), *best[0][1:]], [])
     if holds:
-        return Judged(found, remarks)
-    other = renumbered(case, of, u_h)
-    faults = [other] if other else [_inside(of), *not_given(of, allowed)]
-    return Judged([*faults, *_against_exact(mu, of, own)], [])
-
-
-def _inside(of: Residual) -> Fault:
-    x, y = of.worst()
-    return unexplained(
-        "the equation does not hold inside the domain",
-        "the linear solve stopped too early, the load is another one, or u is not meant as P1",
-        f"the residual is {of.inside:.2g} in {of.names[1]}, and largest at ({x:g}, {y:g})",
-    )
-
-
-def _at_boundary(case: Problem, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """What is wrong on clamped sides, with the multiplier, by u's equation, and with its conditions."""
-    yield from not_given(of, COUNTS * own.h1)
-    if mu is None:
-        return
-    allowed, first = _allowed(of, own), MeantMultiplier("", mu.load(of.discrete.mesh), mu)
-    right = of.nearer_to(first.load)
-    misfit = of.norm(first.load - right)
-    if misfit <= allowed:
-        yield from _of_conditions(case, mu, of, allowed)
-        return
-    most = min(allowed, EXPLAINS * misfit)
-    others = list(readings(mu, of.discrete.mesh, right))
-    meant = [each for each in others if of.norm(each.load - right) <= most] or [
-        each for each in ahead(case, mu, of, right) if of.norm(each.load - right) <= most
-    ][:1]
-    if meant:
-        yield either([Fault(each.fault, "read in this way it fits u's equation") for each in meant])
-        reading = meant[0]
+        return Diagnosis(boundary_faults, remarks)
+    # 4. else what is left inside is unexplained, unless the nodes are renumbered
+    if renumbering := find_renumbering(case, residual, u_h):
+        faults = [renumbering]
     else:
-        fits = ((each, of.fitted(each.load, right)) for each in (first, *others))
-        reading = next((each for each, fit in fits if fit.left < abs(fit.factor) * allowed), first)
-        yield from _scaled(reading.fault, of.fitted(reading.load, right), allowed, *of.names)
-    if reading.mu is not None:
-        yield from _of_conditions(case, reading.mu, of, allowed)
-
-
-def _allowed(of: Residual, own: Errors) -> float:
-    """How much may be left at the boundary."""
-    return COUNTS * (own.hm12_lower if own.hm12_lower > NO_ERROR * own.h1 else own.h1) + of.inside
-
-
-def _scaled(fault: str, fit: Fit, allowed: float, form: str, norm: str) -> Iterator[Fault]:
-    """The faults of a multiplier that has not the right scale, if it was meant as in a reading."""
-    if fault:
-        yield Fault(fault, "read in this way it fits u's equation up to a factor")
-    if fit.factor == fit.left == 0:
-        yield Fault(
-            "the multiplier is 0 everywhere, but that of u's equation is not", f"its norm is {fit.size:.2g}"
+        x, y = residual.find_worst_place()
+        fault = describe_unknown_fault(
+            "the equation does not hold inside the domain",
+            "the linear solve stopped too early, the load is another one, or u is not meant as P1",
+            f"the residual is {residual.interior_norm:.2g} in {residual.names[1]}, "
+            f"and largest at ({x:g}, {y:g})",
         )
-    elif _is_scaled(fit, allowed):
-        right = f"what u's equation has, to {up(fit.left / fit.size, '.1g')}"
-        yield wrong("the multiplier", fit.factor, right)
-    elif not fault:
-        measured = f"{form} - <lambda, v> - (f, v) is {fit.misfit:.2g} in {norm}"
-        yield unexplained("u and the multiplier do not fit", "", measured)
+        faults = [fault, *find_clamped_fault(residual, max_residual)]
+    return Diagnosis([*faults, *_diagnose_sign(mu, residual, reference_errors)], [])
 
 
-def _is_scaled(fit: Fit, allowed: float) -> bool:
-    """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
-    of_factor = abs(fit.factor - 1) * fit.size
-    only = fit.left < of_factor and fit.left <= max(abs(fit.factor) * allowed, COUNTS * fit.misfit)
-    return only or fit.factor * fit.size < -fit.left
-
-
-def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """A wrong sign by the exact multiplier, if it is surer than what is left and this project's error."""
+def _diagnose_boundary(
+    case: Problem, mu: BoundaryFunction | None, residual: Residual, reference_errors: Errors
+) -> Iterator[Fault]:
+    """Faults on clamped sides, of the multiplier by u's equation, and of its conditions."""
+    yield from find_clamped_fault(residual, MAX_RESIDUAL_SHARE * reference_errors.h1)
     if mu is None:
         return
-    fit = of.fitted(mu.load(of.discrete.mesh), flux_load(of.discrete))
-    uncertain = fit.left + own.hm12_upper
-    if fit.factor * fit.size < -uncertain:
-        yield wrong("the multiplier", fit.factor, f"the exact one, to {up(uncertain / fit.size, '.1g')}")
-
-
-def _of_conditions(case: Problem, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
-    """The other conditions that u has, if it has none of those that belong to mu."""
-    right = []
-    missed = {}
-    for each in conditions(case, of.discrete, mu):
-        right.append(each)
-        load, bound = each.multiplier_load(of.discrete.spaces.condensed, of.trace, allowed)
-        missed[each.what] = of.norm(of.boundary - load) - bound
-        if missed[each.what] <= allowed:
-            return
-    nearest = min(missed, key=lambda what: missed[what])
-    most = min(allowed, EXPLAINS * missed[nearest])
-    distance = f"at least {down(missed[nearest], '.2g')} in {of.names[1]}"
-    measured = f"u is {distance} away from the solution with u >= g {nearest}"
-    found = set()
-    for what, each in mistaken(case, of.discrete, mu, right, of.u[of.discrete.mesh.boundary]):
-        load, bound = each.multiplier_load(of.discrete.spaces.condensed, of.trace, most)
-        if of.norm(of.boundary - load) + bound <= most:
-            found.add(what)
-    if found:
-        yield either([Fault(what, measured) for what in sorted(found)])
+    # ||lambda - mu||_{-1/2,h} for the multiplier lambda that u's equation has, and mu as it was handed in
+    max_residual = _max_boundary_residual(residual, reference_errors)
+    literal = MultiplierReading("", mu.load(residual.discrete.mesh), mu)
+    expected_load = residual.choose_boundary_load(literal.load)
+    misfit = residual.boundary_dual_norm(literal.load - expected_load)
+    if misfit <= max_residual:
+        yield from _diagnose_conditions(case, mu, residual, max_residual)
         return
-    yield unexplained(
+    # ways in which mu may have been meant, by which it fits; Uzawa's step only where there is no other one
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * misfit)
+    readings = list(list_readings(mu, residual.discrete.mesh, expected_load))
+    fitting = [
+        candidate
+        for candidate in readings
+        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
+    ] or [
+        candidate
+        for candidate in read_as_uzawa_step(case, mu, residual, expected_load)
+        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
+    ][:1]
+    if fitting:
+        yield merge_alternatives(
+            [Fault(candidate.fault, "read in this way it fits u's equation") for candidate in fitting]
+        )
+        reading = fitting[0]
+    else:
+        # the first reading that fits up to a factor
+        fits = (
+            (candidate, residual.fit_multiple(candidate.load, expected_load))
+            for candidate in (literal, *readings)
+        )
+        reading = next(
+            (candidate for candidate, fit in fits if fit.scaled_distance < abs(fit.factor) * max_residual),
+            literal,
+        )
+        yield from _diagnose_scale(
+            reading.fault, residual.fit_multiple(reading.load, expected_load), max_residual, *residual.names
+        )
+    if reading.mu is not None:
+        yield from _diagnose_conditions(case, reading.mu, residual, max_residual)
+
+
+def _max_boundary_residual(residual: Residual, reference_errors: Errors) -> float:
+    """Residual that may be left at the boundary: an algebraic error, and what is left inside."""
+    error = reference_errors.hm12_lower
+    if not error > ZERO_ERROR_RATIO * reference_errors.h1:  # lambda is exact, or not judged
+        error = reference_errors.h1
+    return MAX_RESIDUAL_SHARE * error + residual.interior_norm
+
+
+def _diagnose_scale(
+    reading_fault: str, fit: LoadFit, max_residual: float, form: str, norm: str
+) -> Iterator[Fault]:
+    """The faults of a multiplier that has not the right scale, if it was meant as in a reading."""
+    if reading_fault:
+        yield Fault(reading_fault, "read in this way it fits u's equation up to a factor")
+    if fit.factor == fit.scaled_distance == 0:
+        yield Fault(
+            "the multiplier is 0 everywhere, but that of u's equation is not",
+            f"its norm is {fit.expected_norm:.2g}",
+        )
+    elif _has_wrong_factor(fit, max_residual):
+        expected = f"what u's equation has, to {format_up(fit.scaled_distance / fit.expected_norm, '.1g')}"
+        yield describe_wrong_factor("the multiplier", fit.factor, expected)
+    elif not reading_fault:
+        measured = f"{form} - <lambda, v> - (f, v) is {fit.distance:.2g} in {norm}"
+        yield describe_unknown_fault("u and the multiplier do not fit", "", measured)
+
+
+def _has_wrong_factor(fit: LoadFit, max_residual: float) -> bool:
+    """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
+    # with mu = t lambda + rest: |t - 1| ||lambda|| is the factor's error, ||rest|| the scaled distance
+    factor_error = abs(fit.factor - 1) * fit.expected_norm
+    only_factor = fit.scaled_distance < factor_error and fit.scaled_distance <= max(
+        abs(fit.factor) * max_residual, MAX_RESIDUAL_SHARE * fit.distance
+    )
+    return only_factor or fit.factor * fit.expected_norm < -fit.scaled_distance
+
+
+def _diagnose_sign(
+    mu: BoundaryFunction | None, residual: Residual, reference_errors: Errors
+) -> Iterator[Fault]:
+    """The fault of a wrong sign by the exact multiplier, if it exceeds misfit and this project's error."""
+    if mu is None:
+        return
+    # u's equation does not hold, so that its multiplier is no measure
+    fit = residual.fit_multiple(mu.load(residual.discrete.mesh), exact_multiplier_load(residual.discrete))
+    uncertain = fit.scaled_distance + reference_errors.hm12_upper
+    if fit.factor * fit.expected_norm < -uncertain:
+        yield describe_wrong_factor(
+            "the multiplier",
+            fit.factor,
+            f"the exact one, to {format_up(uncertain / fit.expected_norm, '.1g')}",
+        )
+
+
+def _diagnose_conditions(
+    case: Problem, mu: BoundaryFunction, residual: Residual, max_residual: float
+) -> Iterator[Fault]:
+    """The fault of the conditions that u has, if it has none of those that belong to mu."""
+    # ||u - w|| = ||lambda_u - lambda_w||_{-1/2,h} for the solution w with the conditions, less w's error
+    correct = []
+    distances = {}
+    for conditions in list_conditions(case, residual.discrete, mu):
+        correct.append(conditions)
+        load, bound = conditions.multiplier_load(
+            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_residual
+        )
+        distances[conditions.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
+        if distances[conditions.description] <= max_residual:
+            return
+    nearest = min(distances, key=lambda description: distances[description])
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * distances[nearest])
+    distance = f"at least {format_down(distances[nearest], '.2g')} in {residual.names[1]}"
+    measured = f"u is {distance} away from the solution with u >= g {nearest}"
+    # and the same for conditions that authors take by mistake, with the error added
+    descriptions = set()
+    for description, conditions in list_mistaken_conditions(
+        case, residual.discrete, mu, correct, residual.u[residual.discrete.mesh.boundary]
+    ):
+        load, bound = conditions.multiplier_load(
+            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_distance
+        )
+        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= max_distance:
+            descriptions.add(description)
+    if descriptions:
+        yield merge_alternatives([Fault(description, measured) for description in sorted(descriptions)])
+        return
+    yield describe_unknown_fault(
         "u is not the solution of the discrete problem",
         "the iteration stopped too early, or g or the contact conditions differ",
         measured,
@@ -179,7 +252,7 @@ def _of_conditions(case: Problem, mu: Trace, of: Residual, allowed: float) -> It
 
 
 @dataclass(frozen=True, eq=False)
-class MeantMultiplier:
+class MultiplierReading:
     """A way in which a multiplier may have been meant; `fault` says which.
 
     `load` (nb,) is the boundary load that it is then. `mu` is None where the fault says all, and its
@@ -188,60 +261,70 @@ class MeantMultiplier:
 
     fault: str
     load: Array
-    mu: Trace | None
+    mu: BoundaryFunction | None
 
 
-def readings(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
-    """Other ways to read the multiplier, where u's equation has the `right` load (nb,)."""
-    if mu.nodal is None:
-        yield from _of_cells(mu, mesh, right)
+def list_readings(mu: BoundaryFunction, mesh: Mesh, expected_load: Array) -> Iterator[MultiplierReading]:
+    """Other ways to read the multiplier, where u's equation has the `expected_load` load (nb,)."""
+    if mu.nodal_values is None:
+        yield from _list_cell_readings(mu, mesh, expected_load)
         return
     mass = boundary_mass(mesh)
     for fault, load in (
         (
             "the multiplier is lumped: its values are reactions over the row sums of the mass matrix",
-            mass.sum(axis=1) * mu.nodal,
+            mass.sum(axis=1) * mu.nodal_values,
         ),
-        ("the multiplier's values are reactions; hand these in as `reaction`", mu.nodal),
-        ("the reactions are values of a multiplier; hand these in as `multiplier`", mass @ (mass @ mu.nodal)),
+        ("the multiplier's values are reactions; hand these in as `reaction`", mu.nodal_values),
+        (
+            "the reactions are values of a multiplier; hand these in as `multiplier`",
+            mass @ (mass @ mu.nodal_values),
+        ),
     ):
-        yield MeantMultiplier(fault, np.asarray(load), of_reactions(mesh, np.asarray(load)))
+        yield MultiplierReading(fault, np.asarray(load), represent_reactions(mesh, np.asarray(load)))
 
 
-def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
-    divided = constant(mu.cells, mu.values / mu.cells.lengths)
+def _list_cell_readings(
+    mu: BoundaryFunction, mesh: Mesh, expected_load: Array
+) -> Iterator[MultiplierReading]:
+    """Other ways to read a multiplier that was handed in as constant on cells."""
+    divided = piecewise_constant(mu.partition, mu.values / mu.partition.lengths)
     fault = "the multiplier's values are integrals over the cells; hand in means"
-    yield MeantMultiplier(fault, divided.load(mesh), divided)
-    for text, moved in moves(mu):
+    yield MultiplierReading(fault, divided.load(mesh), divided)
+    for text, shifted in list_arc_length_shifts(mu):
         fault = f"{text}; it has to begin at vertex 0 and run anticlockwise"
-        yield MeantMultiplier(fault, moved.load(mesh), moved)
-    spread = coupling(mesh, mu.cells) @ (right / boundary_mass(mesh).sum(axis=1))
-    as_reactions = of_reactions(mesh, right)
-    means = coupling(mesh, mu.cells) @ as_reactions.nodal
+        yield MultiplierReading(fault, shifted.load(mesh), shifted)
+    # reactions r_j made means: sum_j B_ij r_j / <1, phi_j> over H_i, or those of the P1 function of r
+    spread = coupling(mesh, mu.partition) @ (expected_load / boundary_mass(mesh).sum(axis=1))
+    as_reactions = represent_reactions(mesh, expected_load)
+    means = coupling(mesh, mu.partition) @ as_reactions.nodal_values
     for how, values in (("their shares in the cells", spread), ("the means of their function", means)):
         fault = f"the multiplier is nodal reactions, made {how}; hand in `reaction`"
-        other = mu.load(mesh) - constant(mu.cells, values / mu.cells.lengths).load(mesh)
-        yield MeantMultiplier(fault, right + other, as_reactions)
+        means_function = piecewise_constant(mu.partition, values / mu.partition.lengths)
+        difference = mu.load(mesh) - means_function.load(mesh)
+        yield MultiplierReading(fault, expected_load + difference, as_reactions)
 
 
-def ahead(case: Problem, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMultiplier]:
+def read_as_uzawa_step(
+    case: Problem, mu: BoundaryFunction, residual: Residual, expected_load: Array
+) -> Iterator[MultiplierReading]:
     """The multiplier after one more step of Uzawa's iteration than u has.
 
-    That is max(0, mu_u - rho times the means of u - g), where mu_u has the `right` load (nb,). The rho > 0 is
-    taken that comes nearest.
+    That is max(0, mu_u - rho times the means of u - g), where mu_u has the `expected_load` load (nb,). The
+    rho > 0 is taken that comes nearest.
     """
-    boundary = of.discrete.mesh.boundary
-    free = ~of.discrete.spaces.condensed.fixed[boundary]
-    for each in conditions(case, of.discrete, mu):
-        gap = each.means(of.u[boundary])
-        mu_u, on = (
-            np.linalg.lstsq(each.B.T.toarray()[free], right[free])[0],
-            each.mu > ROUNDING * np.abs(each.mu).max(),
-        )
-        if not gap[on].any():
+    boundary = residual.discrete.mesh.boundary
+    free = ~residual.discrete.spaces.condensed.clamped_nodes[boundary]
+    for conditions in list_conditions(case, residual.discrete, mu):
+        # mu_u by least squares from its load B^T mu_u
+        gap = conditions.gaps(residual.u[boundary])
+        mu_u = np.linalg.lstsq(conditions.B.T.toarray()[free], expected_load[free])[0]
+        active = conditions.mu > ZERO_VALUE_RATIO * np.abs(conditions.mu).max()
+        if not gap[active].any():
             continue
-        rho = -float(gap[on] @ (each.mu - mu_u)[on] / (gap[on] @ gap[on]))
+        # where mu > 0, (5.2) says mu - mu_u = -rho gap: rho by least squares
+        rho = -float(gap[active] @ (conditions.mu - mu_u)[active] / (gap[active] @ gap[active]))
         if rho > 0:
-            step = each.B.T @ np.maximum(0, mu_u - rho * gap)
-            what = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
-            yield MeantMultiplier(what, right + mu.load(of.discrete.mesh) - step, None)
+            step = conditions.B.T @ np.maximum(0, mu_u - rho * gap)
+            description = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
+            yield MultiplierReading(description, expected_load + mu.load(residual.discrete.mesh) - step, None)

@@ -21,184 +21,220 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Mask
-from unilateral.exchange.boundary_function import Trace
-from unilateral.exchange.equation_residual import Residual, loads
-from unilateral.exchange.exported_folder import SAME
-from unilateral.exchange.fault import Fault, wrong
+from unilateral.exchange.boundary_function import BoundaryFunction
+from unilateral.exchange.equation_residual import Residual, list_candidate_loads
+from unilateral.exchange.exported_folder import SAME_PLACE_RATIO
+from unilateral.exchange.fault import Fault, describe_wrong_factor
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import energy_norm, of_rest, stiffness_and_mass
+from unilateral.fem.p1 import energy_norm, stiffness_and_mass, subtract_lift_from_load
 from unilateral.problems.problem import Problem
 
-EXPLAINS = 0.1
+MAX_UNEXPLAINED_SHARE = 0.1
 """A bug is named if at most this fraction of what is wrong is left without it, 1 % of the square."""
-NOTHING = 1e-3
+NEGLIGIBLE_RESIDUAL_SHARE = 1e-3
 """Less than this fraction of what may be left is as good as nothing, and not compared."""
-ROUNDED = 1e-12
+RELATIVE_U_ROUNDING = 1e-12
 """Rounding of u leaves at most this fraction of it: EPS (4 n)^(1/2) on n nodes."""
-
-EXACT = 1e-6
+MIN_NONZERO_FACTOR = 1e-6
 """A factor below this counts as 0."""
-MIXED = 10
+MIN_RENUMBERING_RATIO = 10
 """u counts as renumbered only if its distance from the right values is more than this many times two others.
 
 These are the distance of both if they are sorted, and that of the right values from the exact ones.
 """
 
 
-class Undone(NamedTuple):
-    """A bug, and the `residual` without it; `multiplier` makes of one that was handed in what it then is.
+class Repair(NamedTuple):
+    """A bug that is undone: its fault, the `residual` without it, and what `repair_multiplier` makes of mu.
 
-    The bug may be one of `both`, of u and of the multiplier.
+    A bug that `needs_multiplier` is one of both u and the multiplier.
     """
 
-    bug: Fault
+    fault: Fault
     residual: Residual
-    multiplier: Callable[[Trace], Trace] = lambda mu: mu
-    both: bool = False
+    repair_multiplier: Callable[[BoundaryFunction], BoundaryFunction] = lambda mu: mu
+    needs_multiplier: bool = False
 
 
-def with_load(case: Problem, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
-    """The residual with the load that u's equation has, and that load's name: the exported one if in doubt.
+def identify_load(
+    case: Problem, exported: Residual, mu: Array | None, max_residual: float
+) -> tuple[Residual, str]:
+    """Residual with the load that u's equation has, and that load's name; the exported one if in doubt.
 
-    Another load has to leave no more than `allowed` inside, and hardly anything of what the exported one
-    leaves. If the exported one leaves more than `allowed` inside, that is compared inside. Else it is
+    Another load has to leave no more than `max_residual` inside, and hardly anything of what the exported one
+    leaves. If the exported one leaves more than `max_residual` inside, that is compared inside. Else it is
     compared on V_h, beside the boundary load mu (nb,) of the multiplier, if there is one.
     """
-    beside = None if exported.inside > allowed else mu
-    left = exported.whole(beside)
-    if left <= NOTHING * allowed:
+    beside = None if exported.interior_norm > max_residual else mu
+    residual_norm = exported.total_norm(beside)
+    if residual_norm <= NEGLIGIBLE_RESIDUAL_SHARE * max_residual:
         return exported, ""
-    best, of_best = (exported, ""), EXPLAINS * left
-    for name, load in loads(case.known_solution(), exported.discrete):
-        of = replace(exported, load=load)
-        if np.isfinite(load).all() and of.inside <= allowed and (left := of.whole(beside)) < of_best:
-            best, of_best = (of, name), left
+    best = (exported, "")
+    best_norm = MAX_UNEXPLAINED_SHARE * residual_norm
+    for name, load in list_candidate_loads(case.known_solution(), exported.discrete):
+        candidate = replace(exported, load=load)
+        if (
+            np.isfinite(load).all()
+            and candidate.interior_norm <= max_residual
+            and (residual_norm := candidate.total_norm(beside)) < best_norm
+        ):
+            best = (candidate, name)
+            best_norm = residual_norm
     return best
 
 
-def explanations(case: Problem, plain: Residual, allowed: float) -> list[Undone]:
-    """The bugs that, undone, leave no more than `allowed` and hardly anything of the `plain` residual."""
-    most = min(allowed, EXPLAINS * plain.inside)
-    for _, load in loads(case.known_solution(), plain.discrete):
-        if np.isfinite(load).all():
-            of = Residual(plain.discrete, plain.u, load)
-            found = [each for each in _bugs(of) if each.residual.inside <= most]
-            if found:
+def list_repairs(case: Problem, residual: Residual, max_residual: float) -> list[Repair]:
+    """Bugs without which no more than `max_residual` and hardly anything of the residual is left."""
+    threshold = min(max_residual, MAX_UNEXPLAINED_SHARE * residual.interior_norm)
+    for _, load in list_candidate_loads(case.known_solution(), residual.discrete):
+        if np.isfinite(load).all():  # f may be infinite at nodes
+            candidate = Residual(residual.discrete, residual.u, load)
+            repairs = [
+                repair for repair in _try_bugs(candidate) if repair.residual.interior_norm <= threshold
+            ]
+            if repairs:
                 # those that leave not clearly more than another one does
-                smallest = min(each.residual.inside for each in found)
-                least = max(smallest / EXPLAINS, NOTHING * most)
-                return [each for each in found if each.residual.inside <= least]
-    return list(_exchanged(plain, most))
+                smallest = min(repair.residual.interior_norm for repair in repairs)
+                cutoff = max(smallest / MAX_UNEXPLAINED_SHARE, NEGLIGIBLE_RESIDUAL_SHARE * threshold)
+                return [repair for repair in repairs if repair.residual.interior_norm <= cutoff]
+    return list(_try_swapped_axes(residual, threshold))
 
 
-def _bugs(of: Residual) -> Iterator[Undone]:
+def _try_bugs(residual: Residual) -> Iterator[Repair]:
     """Each bug of u's equation that is known, undone with the factor that fits best."""
-    K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
-    if of.discrete.form.c:
+    stiffness, mass = stiffness_and_mass(residual.discrete.mesh)
+    K_u = stiffness @ residual.u
+    M_u = mass @ residual.u
+    if residual.discrete.form.c:
         for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
-            c = of.share(signature)
-            without = of.plus(c * signature)
-            yield Undone(_factor(f"the {term}", 1 - c, signature, without), without)
+            c = residual.fit_factor(signature)
+            without = residual.add_load(c * signature)
+            yield Repair(_describe_factor(f"the {term}", 1 - c, signature, without), without)
+        # K u / 2 + 2 M u = f, so A u - f = K u / 2 - M u: no factor is left to fit
         areas = 0.5 * K_u - M_u
-        told = "(grad u, grad v) / 2 + 2 (u, v) fits f"
-        yield Undone(Fault("the triangles' areas are twice the right ones", told), of.plus(areas))
+        detail = "(grad u, grad v) / 2 + 2 (u, v) fits f"
+        yield Repair(Fault("the triangles' areas are twice the right ones", detail), residual.add_load(areas))
     else:
-        c = of.share(M_u)
+        c = residual.fit_factor(M_u)
         fault = Fault("there is a mass term (u, v), but c = 0", f"{-c:.6g} times (u, v)")
-        yield Undone(fault, of.plus(c * M_u))
-    yield from _of_load(of)
-    for off in not_given(of, 0.0):
-        given = np.where(of.discrete.spaces.condensed.fixed, of.discrete.held, of.u)
-        yield Undone(off, replace(of, u=given))
+        yield Repair(fault, residual.add_load(c * M_u))
+    yield from _try_wrong_factors(residual)
+    for clamped_fault in find_clamped_fault(residual, 0.0):
+        corrected_u = np.where(
+            residual.discrete.spaces.condensed.clamped_nodes, residual.discrete.dirichlet_lift, residual.u
+        )
+        yield Repair(clamped_fault, replace(residual, u=corrected_u))
 
 
-def _of_load(of: Residual) -> Iterator[Undone]:
-    """What may have a wrong factor, if (u, v)_1 = factor (f, v) inside."""
-    factor = 1 + of.share(of.load)
-    scaled = Residual(of.discrete, of.u, factor * of.load)
-    load = _factor("the load (f, v)", factor, of.load, scaled)
-    yield Undone(load, scaled)
-    if _is_missing(factor, of.load, scaled):
+def _try_wrong_factors(residual: Residual) -> Iterator[Repair]:
+    """Bugs that the load, the matrix or u has a wrong factor, if (u, v)_1 = factor (f, v) inside."""
+    # A u - f = c f for the factor 1 + c
+    factor = 1 + residual.fit_factor(residual.load)
+    scaled = Residual(residual.discrete, residual.u, factor * residual.load)
+    load = _describe_factor("the load (f, v)", factor, residual.load, scaled)
+    yield Repair(load, scaled)
+    if _is_missing(factor, residual.load, scaled):
         return
     if factor > 0:
-        yield Undone(wrong(f"the matrix of {of.names[0]}", 1 / factor), scaled, lambda mu: mu.times(factor))
-    divided = Residual(of.discrete, of.u / factor, of.load)
-    yield Undone(wrong("u", factor), divided)
-    yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor), True)
-
-
-def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
-    """The fault that a term (n,) has a wrong factor, or is missing."""
-    if _is_missing(factor, term, of):
-        return Fault(f"{name} is missing", "the equation holds inside without it")
-    return wrong(name, factor)
-
-
-def _is_missing(factor: float, term: Array, of: Residual) -> bool:
-    """Whether the factor of a term (n,) is 0 as far as one can see."""
-    size = of.size(term)
-    return abs(factor) * size <= of.inside + EXACT * size
-
-
-def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:
-    """The bug that x and y are exchanged, where the mesh is its own mirror image."""
-    mesh = plain.discrete.mesh
-    distance, node = cKDTree(mesh.points).query(mesh.points[:, ::-1])
-    if distance.max() > SAME * mesh.h:
-        return
-    of = Residual(plain.discrete, plain.u[node], plain.load)
-    if of.inside <= most:
-        bug = Fault("x and y are exchanged", "the equation holds inside at (y, x)")
-        yield Undone(bug, of, lambda mu: mu.carried(mesh, node))
-
-
-def not_given(of: Residual, allowed: float) -> Iterator[Fault]:
-    """The fault that u is not u_D at nodes of clamped sides, if that alone is an error above `allowed` in H1.
-
-    The energy would be no measure: if c = 0, constants have none.
-    """
-    discrete, condensed = of.discrete, of.discrete.spaces.condensed
-    mesh, form = discrete.mesh, discrete.form
-    off = np.where(condensed.fixed, of.u - discrete.held, 0.0)
-    least = off + condensed.solve(of_rest(mesh, form, np.zeros(len(off)), off))
-    if energy_norm(mesh, least) <= allowed:
-        return
-    worst = np.abs(off).argmax()
-    ends = np.abs(off[mesh.boundary]) > EXACT * abs(off[worst])
-    sides = np.unique(mesh.side[form.edges(mesh) & (ends | np.roll(ends, -1))])
-    how = _how(of, np.isin(mesh.side, sides), allowed + ROUNDED * abs(off[worst]))
-    on, (x, y) = ", ".join(map(str, sides)), mesh.points[worst]
-    what = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {on}"
-    yield Fault(what, f"u - u_D is {off[worst]:.2g} at ({x:g}, {y:g})")
-
-
-def _how(of: Residual, edges: Mask, allowed: float) -> str:
-    """What u is on those edges (nb,): left free if the equation holds at the nodes inside the sides, too."""
-    mesh, A = of.discrete.mesh, of.discrete.spaces.condensed.A
-    inner, every = (mesh.boundary[at] for at in (edges & np.roll(edges, 1), edges | np.roll(edges, 1)))
-    forces = of_rest(mesh, Form(c=of.discrete.form.c), of.load, of.u) / np.sqrt(A.diagonal())
-    if inner.size and np.linalg.norm(forces[inner]) <= allowed:
-        return "left free"
-    return "not u_D" if of.u[every].any() else "0, not u_D,"
-
-
-def renumbered(case: Problem, plain: Residual, u_h: Array) -> Fault | None:
-    """The fault of another numbering, if the sorted values are nearly those of u_h (n,).
-
-    They have to be as near to these as these are to the exact ones. All distances are root mean squares over
-    the nodes. Sorted values are never farther apart than values at the nodes, so a right solution passes,
-    however numbered. Twice the distance is allowed, as another method may err twice as much.
-    """
-    exact = case.known_solution().value_and_gradient(plain.discrete.mesh.points)[0]
-    own, here = _rms(u_h - exact), _rms(plain.u - u_h)
-    ordered = _rms(np.sort(plain.u) - np.sort(u_h))
-    if ordered > 2 * own or here <= MIXED * max(own, ordered):
-        return None
-    return Fault(
-        "the values of u are right, but at other nodes: x, y and u are numbered differently",
-        f"u differs from the right values by {here:.2g}, and by {ordered:.2g} if both are sorted",
+        yield Repair(
+            describe_wrong_factor(f"the matrix of {residual.names[0]}", 1 / factor),
+            scaled,
+            lambda mu: mu.scale(factor),
+        )
+    divided = Residual(residual.discrete, residual.u / factor, residual.load)
+    yield Repair(describe_wrong_factor("u", factor), divided)
+    yield Repair(
+        describe_wrong_factor("u, like the multiplier,", factor),
+        divided,
+        lambda mu: mu.scale(1 / factor),
+        True,
     )
 
 
-def _rms(values: Array) -> float:
+def _describe_factor(name: str, factor: float, term: Array, residual: Residual) -> Fault:
+    """The fault that a term (n,) has a wrong factor, or is missing."""
+    if _is_missing(factor, term, residual):
+        return Fault(f"{name} is missing", "the equation holds inside without it")
+    return describe_wrong_factor(name, factor)
+
+
+def _is_missing(factor: float, term: Array, residual: Residual) -> bool:
+    """Whether the factor of a term (n,) is 0 up to what is left of the residual."""
+    size = residual.interior_dual_norm(term)
+    return abs(factor) * size <= residual.interior_norm + MIN_NONZERO_FACTOR * size
+
+
+def _try_swapped_axes(residual: Residual, max_residual: float) -> Iterator[Repair]:
+    """The bug that x and y are exchanged, where the mesh is its own mirror image."""
+    mesh = residual.discrete.mesh
+    distance, node = cKDTree(mesh.points).query(mesh.points[:, ::-1])
+    if distance.max() > SAME_PLACE_RATIO * mesh.h:
+        return
+    mirrored = Residual(residual.discrete, residual.u[node], residual.load)
+    if mirrored.interior_norm <= max_residual:
+        bug = Fault("x and y are exchanged", "the equation holds inside at (y, x)")
+        yield Repair(bug, mirrored, lambda mu: mu.permute_nodes(mesh, node))
+
+
+def find_clamped_fault(residual: Residual, max_error: float) -> Iterator[Fault]:
+    """The fault that u is not u_D on clamped sides, if that alone is an error above `max_error` in H1."""
+    # the energy would be no measure: if c = 0, constants have none
+    discrete = residual.discrete
+    condensed = residual.discrete.spaces.condensed
+    mesh = discrete.mesh
+    form = discrete.form
+    # u - u_D on clamped sides, extended with the least energy: (w, v)_1 = 0 for all v that vanish there
+    deviation = np.where(condensed.clamped_nodes, residual.u - discrete.dirichlet_lift, 0.0)
+    extension = deviation + condensed.solve(
+        subtract_lift_from_load(mesh, form, np.zeros(len(deviation)), deviation)
+    )
+    if energy_norm(mesh, extension) <= max_error:
+        return
+    worst = np.abs(deviation).argmax()
+    # the clamped sides with an edge on which u differs
+    ends = np.abs(deviation[mesh.boundary]) > MIN_NONZERO_FACTOR * abs(deviation[worst])
+    sides = np.unique(mesh.side[form.clamped_edges(mesh) & (ends | np.roll(ends, -1))])
+    how = _describe_clamped_values(
+        residual, np.isin(mesh.side, sides), max_error + RELATIVE_U_ROUNDING * abs(deviation[worst])
+    )
+    side_list = ", ".join(map(str, sides))
+    (x, y) = mesh.points[worst]
+    description = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {side_list}"
+    yield Fault(description, f"u - u_D is {deviation[worst]:.2g} at ({x:g}, {y:g})")
+
+
+def _describe_clamped_values(residual: Residual, edges: Mask, max_residual: float) -> str:
+    """Words on u on clamped edges: left free if the equation holds at their inner nodes, or not u_D, or 0."""
+    mesh = residual.discrete.mesh
+    A = residual.discrete.spaces.condensed.A
+    inner = mesh.boundary[(edges & np.roll(edges, 1))]
+    every = mesh.boundary[(edges | np.roll(edges, 1))]
+    forces = subtract_lift_from_load(
+        mesh, Form(c=residual.discrete.form.c), residual.load, residual.u
+    ) / np.sqrt(A.diagonal())
+    if inner.size and np.linalg.norm(forces[inner]) <= max_residual:
+        return "left free"
+    return "not u_D" if residual.u[every].any() else "0, not u_D,"
+
+
+def find_renumbering(case: Problem, residual: Residual, u_h: Array) -> Fault | None:
+    """The fault of another numbering, if the sorted values are nearly those of u_h (n,), else None."""
+    # Root mean squares over the nodes. Sorted values are never farther apart than those at the nodes
+    # (rearrangement inequality), so the values of a right solution pass, however numbered. Another method may
+    # err twice as much as u_h.
+    exact = case.known_solution().value_and_gradient(residual.discrete.mesh.points)[0]
+    discretisation_error = _root_mean_square(u_h - exact)
+    distance = _root_mean_square(residual.u - u_h)
+    ordered = _root_mean_square(np.sort(residual.u) - np.sort(u_h))
+    if ordered > 2 * discretisation_error or distance <= MIN_RENUMBERING_RATIO * max(
+        discretisation_error, ordered
+    ):
+        return None
+    return Fault(
+        "the values of u are right, but at other nodes: x, y and u are numbered differently",
+        f"u differs from the right values by {distance:.2g}, and by {ordered:.2g} if both are sorted",
+    )
+
+
+def _root_mean_square(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))

@@ -8,32 +8,34 @@ UNEXPLAINED = "no known bug explains it"
 
 
 class Fault(NamedTuple):
-    """`what` is wrong, the same on every level, and what was `measured` on this one.
+    """A fault: its `description`, the same on every level, and a `detail` that was measured on this one.
 
-    It is `explained` if it is a bug that is known.
+    It is `is_explained` if it is a bug that is known.
     """
 
-    what: str
-    measured: str
-    explained: bool = True
+    description: str
+    detail: str
+    is_explained: bool = True
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.measured}"
+        return f"{self.description}: {self.detail}"
 
 
-def wrong(name: str, factor: float, right: str = "the right one") -> Fault:
-    """The fault that something has a wrong factor; `right` says what it is a multiple of."""
-    return Fault(f"{name} has the wrong {'sign' if factor < 0 else 'scale'}", f"{factor:.6g} times {right}")
+def describe_wrong_factor(name: str, factor: float, expected: str = "the right one") -> Fault:
+    """The fault that something has a wrong factor; `expected` says what it is a multiple of."""
+    return Fault(
+        f"{name} has the wrong {'sign' if factor < 0 else 'scale'}", f"{factor:.6g} times {expected}"
+    )
 
 
-def unexplained(what: str, perhaps: str, measured: str) -> Fault:
+def describe_unknown_fault(description: str, reason: str, detail: str) -> Fault:
     """The fault that something is wrong, and what may be the reason; "" if there is no guess."""
-    guess = f" (perhaps {perhaps})" if perhaps else ""
-    return Fault(f"{what}, and {UNEXPLAINED}{guess}", measured, explained=False)
+    guess = f" (perhaps {reason})" if reason else ""
+    return Fault(f"{description}, and {UNEXPLAINED}{guess}", detail, is_explained=False)
 
 
-def either(faults: list[Fault]) -> Fault:
-    """One of several faults, where nothing tells which."""
-    what = "; or ".join(dict.fromkeys(fault.what for fault in faults))
-    measured = "; or ".join(dict.fromkeys(fault.measured for fault in faults))
-    return Fault(what, measured, all(fault.explained for fault in faults))
+def merge_alternatives(faults: list[Fault]) -> Fault:
+    """One fault whose description and detail are those of several, joined by "or"."""
+    description = "; or ".join(dict.fromkeys(fault.description for fault in faults))
+    detail = "; or ".join(dict.fromkeys(fault.detail for fault in faults))
+    return Fault(description, detail, all(fault.is_explained for fault in faults))

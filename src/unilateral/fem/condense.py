@@ -16,20 +16,20 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.fem import edge_matrix
-from unilateral.fem.form import H1, Form, decoupled, row_sums
-from unilateral.fem.linear_systems import Sparse, dissected, last_block
-from unilateral.fem.macro_elements import Recursive
+from unilateral.fem.form import H1, Form, decouple_nodes, decoupled_row_sums
+from unilateral.fem.linear_systems import SparseFactors, factorise_by_dissection, schur_factor
+from unilateral.fem.macro_elements import MacroElementFactors
 from unilateral.fem.p1 import boundary_mass, lumped_mass, stiffness_and_mass
 from unilateral.geometry.mesh import Mesh
 
-CONSTANTS = 1e-8
+MAX_CONSTANT_ERROR = 1e-8
 """Constants have to be solved for with at most this error; guarantees hold up to this rounding of A_3."""
-REFINED = 3
+MIN_MACRO_HALVINGS = 3
 """Macro-elements pay on meshes that were refined at least this often."""
 
 
 @dataclass(frozen=True, eq=False)
-class Condensed:
+class CondensedMatrix:
     """The matrix A (n, n) of a `form` on V_h, factorised, and its condensation to the boundary.
 
     `A_3` (nb, nb) is the Schur complement on `mesh.boundary`; `cholesky` (nb, nb) is its upper
@@ -37,35 +37,37 @@ class Condensed:
     """
 
     mesh: Mesh
-    factors: Sparse | Recursive
+    factors: SparseFactors | MacroElementFactors
     A_3: Array
     cholesky: Array
     form: Form = H1
 
     @cached_property
     def A(self) -> sp.csr_array:
-        """(n, n) the matrix of the form on V_h."""
-        return matrix(self.mesh, self.form)
+        """The matrix of the form on V_h; shape (n, n)."""
+        return form_matrix(self.mesh, self.form)
 
     @cached_property
-    def fixed(self) -> Mask:
-        """(n,) which nodes are fixed."""
-        return self.form.fixed(self.mesh)
+    def clamped_nodes(self) -> Mask:
+        """Whether each node lies on a clamped side; shape (n,)."""
+        return self.form.clamped_nodes(self.mesh)
 
     @cached_property
-    def mass(self) -> Array:
-        """(n,) numbers m_i with sum m_i v_i^2 <= 4 ||v||^2 for all v in V_h, see `residual_rounding`."""
+    def nodal_weights(self) -> Array:
+        """Weights m_i (n,) with sum m_i v_i^2 <= 4 ||v||^2 on V_h: lumped masses times the coercivity."""
         return self.form.coercivity * lumped_mass(self.mesh)
 
     @cached_property
-    def for_products(self) -> tuple[sp.csr_array, Array]:
+    def matrix_and_row_sums(self) -> tuple[sp.csr_array, Array]:
         """A (n, n) up to rounding, its rows not sorted, and their sums (n,).
 
-        That is faster to make where the mesh knows its edges.
+        It is assembled from edges where the mesh knows these, which is faster.
         """
-        if self.mesh.known:
-            return edge_matrix.matrix(self.mesh.known, self.mesh.points, self.form, self.fixed)[:2]
-        return self.A, row_sums(self.A, self.form.c * lumped_mass(self.mesh), self.fixed)
+        if self.mesh.stored_triangulation:
+            return edge_matrix.assemble_by_edges(
+                self.mesh.stored_triangulation, self.mesh.points, self.form, self.clamped_nodes
+            )[:2]
+        return self.A, decoupled_row_sums(self.A, self.form.c * lumped_mass(self.mesh), self.clamped_nodes)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
@@ -78,52 +80,56 @@ class Condensed:
     @cached_property
     def sigma_1(self) -> float:
         """The smallest sigma with (v, w) = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
-        mass, size = boundary_mass(self.mesh), len(self.mesh.boundary)
-        mass = decoupled(mass, fixed := self.fixed[self.mesh.boundary])
-        mass.setdiag(np.where(fixed, 0.0, mass.diagonal()))
+        clamped = self.clamped_nodes[self.mesh.boundary]
+        size = len(clamped)
+        mass = decouple_nodes(boundary_mass(self.mesh), clamped)
+        mass.setdiag(np.where(clamped, 0.0, mass.diagonal()))
 
-        def similar(v: Array) -> Array:
+        # A_3 v = sigma M v on the boundary, so 1 / sigma is the largest eigenvalue of R^{-T} M R^{-1}
+        def apply_scaled_mass(v: Array) -> Array:
+            """R^{-T} M R^{-1} v, for A_3 = R^T R and the mass matrix M of the boundary."""
             R = self.cholesky
             return solve_triangular(R, mass @ solve_triangular(R, v), trans="T")
 
-        operator = LinearOperator((size, size), matvec=similar, dtype=float)
-        return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
+        scaled_mass = LinearOperator((size, size), matvec=apply_scaled_mass, dtype=float)
+        return float(1 / eigsh(scaled_mass, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
 
-def matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
+def form_matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
     """A (n, n), the matrix of the form on V_h."""
     stiffness, mass = stiffness_and_mass(mesh)
-    return decoupled(form.k * stiffness + form.c * mass, form.fixed(mesh))
+    return decouple_nodes(form.k * stiffness + form.c * mass, form.clamped_nodes(mesh))
 
 
-def condense(mesh: Mesh, form: Form = H1) -> Condensed:
+def condense(mesh: Mesh, form: Form = H1) -> CondensedMatrix:
     """Factorise A on the mesh and condense it to the boundary nodes.
 
     Raises InputError where c is so small that rounding loses the constants, if no side is clamped.
     """
-    if mesh.halvings < REFINED:
-        return by_sparse(mesh, dissected(matrix(mesh, form), mesh.boundary), form)
-    factors = Recursive(mesh, form)
-    _check(mesh, factors, form)
-    return Condensed(mesh, factors, factors.A_3, factors.cholesky, form)
+    if mesh.halvings < MIN_MACRO_HALVINGS:
+        return condense_factors(mesh, factorise_by_dissection(form_matrix(mesh, form), mesh.boundary), form)
+    factors = MacroElementFactors(mesh, form)
+    _check_factors(mesh, factors, form)
+    return CondensedMatrix(mesh, factors, A_3=factors.A_3, cholesky=factors.cholesky, form=form)
 
 
-def by_sparse(mesh: Mesh, factors: Sparse, form: Form = H1) -> Condensed:
+def condense_factors(mesh: Mesh, factors: SparseFactors, form: Form = H1) -> CondensedMatrix:
     """The condensation from the factors of A with the boundary last. Raises InputError as `condense` does."""
-    _check(mesh, factors, form)
-    cholesky = last_block(factors.lu, len(mesh.boundary))
-    return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky, form)
+    _check_factors(mesh, factors, form)
+    cholesky = schur_factor(factors.lu, len(mesh.boundary))
+    return CondensedMatrix(mesh, factors, A_3=cholesky.T @ cholesky, cholesky=cholesky, form=form)
 
 
-def _check(mesh: Mesh, factors: Sparse | Recursive, form: Form) -> None:
-    """Raises InputError as `condense`."""
+def _check_factors(mesh: Mesh, factors: SparseFactors | MacroElementFactors, form: Form) -> None:
+    """Raises InputError where the factors do not solve for constants, if no side is clamped."""
     if not form.clamped:
+        # the load of c (1, v)_0 has the solution 1
         check_constants(mesh, form, factors.solve(form.c * lumped_mass(mesh)))
 
 
 def check_constants(mesh: Mesh, form: Form, u: Array) -> None:
     """Raises InputError unless u, with (u, v) = c (1, v)_0, is 1: where c is small k K + c M loses c M."""
-    if not np.max(np.abs(u - 1)) <= CONSTANTS:
+    if not np.max(np.abs(u - 1)) <= MAX_CONSTANT_ERROR:
         polygon = mesh.polygon
         edge = np.diff(mesh.s).min()
         raise InputError(

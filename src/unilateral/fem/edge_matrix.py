@@ -14,89 +14,124 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Int32, Mask, blocks
+from unilateral.arrays import Array, Int32, Mask, row_blocks
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.refinement import Triangulation
 
-ROWS = 1 << 17
+MATRIX_ROWS_PER_BLOCK = 1 << 17
 """This many rows of a matrix are made at a time: with their triangles they take some 90 MB."""
 
 
-def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
-    """The products (T, 3) that belong to the edges opposite to the `nodes` (T, 3), and the areas (T,)."""
-    stiffness, area = np.empty(nodes.shape), np.empty(len(nodes))
-    for of in blocks(len(nodes)):
-        (x, y) = points.T[:, nodes[of].T]
-        e, f = x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]]
-        area[of] = 0.5 * (e[2] * f[0] - f[2] * e[0])
+def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Array]:
+    """The products (T, 3) that belong to the edges opposite to the `triangles` (T, 3), and the areas (T,)."""
+    stiffness = np.empty(triangles.shape)
+    area = np.empty(len(triangles))
+    for block in row_blocks(len(triangles)):
+        (x, y) = points.T[:, triangles[block].T]
+        # (e_i, f_i) is the edge opposite to node i: |T| = e_2 x e_0 / 2, and e_j . e_k / (4 |T|)
+        e = x[[2, 0, 1]] - x[[1, 2, 0]]
+        f = y[[2, 0, 1]] - y[[1, 2, 0]]
+        area[block] = 0.5 * (e[2] * f[0] - f[2] * e[0])
         product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
-        stiffness[of] = (0.25 * product / area[of]).T
+        stiffness[block] = (0.25 * product / area[block]).T
     return stiffness, area
 
 
-def _entries(form: Form, stiffness: Array, area: Array) -> Array:
-    """(T, 3) the parts of triangles in the entries of their edges."""
+def _edge_entries(form: Form, stiffness: Array, area: Array) -> Array:
+    """Each triangle's contribution to the matrix entries of its three edges; shape (T, 3)."""
     return form.k * stiffness + (form.c * area / 12)[:, None]
 
 
-def matrix(
-    tri: Triangulation, points: Array, form: Form = H1, fixed: Mask | None = None
+def assemble_by_edges(
+    triangulation: Triangulation, points: Array, form: Form = H1, fixed: Mask | None = None
 ) -> tuple[sp.csr_array, Array, Array]:
-    """The matrix A of those triangles and of a form, in which some nodes (n,) may be `fixed`.
+    """The matrix A of a form on a triangulation, the sums (n,) of its rows, and the lumped mass (n,).
 
-    A (n, n) has rows that begin with the diagonal. With it come the sums (n,) of its rows, and the lumped
-    mass (n,).
+    Rows of A (n, n) begin with the diagonal. Nodes that are `fixed` (n,) are decoupled from the others.
     """
-    n, mass, beside = tri.n, np.zeros(tri.n), np.zeros(len(tri.ends))
-    for of in blocks(len(tri.nodes)):
-        stiffness, area = elements(points, tri.nodes[of])
-        np.add.at(mass, tri.nodes[of].ravel(), np.repeat(area / 3, 3))
-        np.add.at(beside, tri.edges[of].ravel(), _entries(form, stiffness, area).ravel())
+    n = triangulation.n_nodes
+    mass = np.zeros(triangulation.n_nodes)
+    edge_values = np.zeros(len(triangulation.ends))
+    for block in row_blocks(len(triangulation.nodes)):
+        stiffness, area = edge_stiffness_and_areas(points, triangulation.nodes[block])
+        np.add.at(mass, triangulation.nodes[block].ravel(), np.repeat(area / 3, 3))
+        np.add.at(
+            edge_values, triangulation.edges[block].ravel(), _edge_entries(form, stiffness, area).ravel()
+        )
+    # rows of the stiffness add up to 0: what the diagonal has is c (1, phi_i)_0 less the entries beside it
     sums = form.c * mass
     diagonal = sums.copy()
-    for end in tri.ends.T:
-        np.subtract.at(diagonal, end, beside)
+    for end in triangulation.ends.T:
+        np.subtract.at(diagonal, end, edge_values)
     if fixed is not None and fixed.any():
-        cut = fixed[tri.ends].any(axis=1)
-        for end in tri.ends[cut].T:
-            np.subtract.at(sums, end, beside[cut])
-        sums[fixed], beside[cut] = diagonal[fixed], 0.0
-    every, (a, b) = np.arange(n, dtype=np.int32), tri.ends.T
-    places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
+        # entries between a fixed node and another one become 0, and the sums of rows follow
+        fixed_edges = fixed[triangulation.ends].any(axis=1)
+        for end in triangulation.ends[fixed_edges].T:
+            np.subtract.at(sums, end, edge_values[fixed_edges])
+        sums[fixed] = diagonal[fixed]
+        edge_values[fixed_edges] = 0.0
+    nodes = np.arange(n, dtype=np.int32)
+    (a, b) = triangulation.ends.T
+    A = _csr_from_distinct_entries(
+        np.concatenate([diagonal, edge_values, edge_values]),
+        rows=np.concatenate([nodes, a, b]),
+        columns=np.concatenate([nodes, b, a]),
+        shape=(n, n),
+    )
+    return A, sums, mass
 
 
-def some_rows(points: Array, nodes: Int32, chosen: Int32, n: int, form: Form, fixed: Mask) -> sp.csr_array:
-    """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3); see `matrix`."""
-    parts = [_rows(points, nodes, chosen[of], n, form, fixed) for of in blocks(len(chosen), ROWS)]
-    return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
+def assemble_rows(
+    points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
+) -> sp.csr_array:
+    """The rows of the matrix of a form that belong to some nodes; shape (k, n)."""
+    blocks = [
+        _assemble_row_block(points, triangles, row_nodes[block], n, form, fixed)
+        for block in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
+    ]
+    return sp.vstack(blocks, format="csr") if blocks else sp.csr_array((0, n))
 
 
-def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, form: Form, fixed: Mask) -> sp.csr_array:
-    """(k, n) the rows of some nodes (k,), as in `some_rows`.
+def _assemble_row_block(
+    points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
+) -> sp.csr_array:
+    """The rows (k, n) that belong to some nodes, assembled at once.
 
-    Each edge from an inner node leads to the next node of one triangle and to the last node of another.
+    An edge from a node leads to the next corner in at most one triangle, and to the last corner in at most
+    one. So two matrices with distinct entries add up to the part off the diagonal.
     """
-    place = np.full(n, -1, dtype=np.int32)
-    place[chosen] = np.arange(len(chosen), dtype=np.int32)
-    some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
-    (stiffness, area), corners = elements(points, nodes[some]), nodes[some].T
-    beside, row = _entries(form, stiffness, area).T, place[corners]
-    at = [np.flatnonzero(each >= 0) for each in row]
-    rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
-    diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
-    np.add.at(diagonal, rows, form.c * np.concatenate([area[here] for here in at]) / 3)
+    row_number = np.full(n, -1, dtype=np.int32)
+    row_number[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)
+    touching = np.flatnonzero((row_number[triangles] >= 0).any(axis=1))
+    (stiffness, area) = edge_stiffness_and_areas(points, triangles[touching])
+    corners = triangles[touching].T
+    edge_values = _edge_entries(form, stiffness, area).T
+    corner_rows = row_number[corners]
+    # for each of the corners i = 0, 1, 2, the triangles in which it is one of the row nodes
+    incident = [np.flatnonzero(numbers >= 0) for numbers in corner_rows]
+    rows = np.concatenate([numbers[chosen] for numbers, chosen in zip(corner_rows, incident, strict=True)])
+    diagonal = np.zeros(len(row_nodes))
+    shape = (len(row_nodes), n)
+    # as in `assemble_by_edges`: a row adds up to c thirds of the area around its node
+    np.add.at(diagonal, rows, form.c * np.concatenate([area[chosen] for chosen in incident]) / 3)
     off_diagonal = sp.csr_array(shape)
-    for to, opposite in ((1, 2), (2, 1)):
-        columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
-        values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
+    # the next corner i + 1 lies on the edge opposite to i + 2, the last one i + 2 on that opposite to i + 1
+    for step, opposite in ((1, 2), (2, 1)):
+        columns = np.concatenate([corners[(i + step) % 3][chosen] for i, chosen in enumerate(incident)])
+        values = np.concatenate(
+            [edge_values[(i + opposite) % 3][chosen] for i, chosen in enumerate(incident)]
+        )
         np.subtract.at(diagonal, rows, values)
-        values = np.where(fixed[columns] | fixed[chosen[rows]], 0.0, values)
-        off_diagonal = off_diagonal + _once(values, rows, columns, shape)
-    return off_diagonal + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
+        values = np.where(fixed[columns] | fixed[row_nodes[rows]], 0.0, values)
+        off_diagonal = off_diagonal + _csr_from_distinct_entries(values, rows, columns, shape)
+    return off_diagonal + _csr_from_distinct_entries(
+        diagonal, np.arange(len(row_nodes), dtype=np.int32), row_nodes, shape
+    )
 
 
-def _once(values: Array, rows: Int32, columns: Int32, shape: tuple[int, int]) -> sp.csr_array:
+def _csr_from_distinct_entries(
+    values: Array, rows: Int32, columns: Int32, shape: tuple[int, int]
+) -> sp.csr_array:
     """The matrix with these entries. No two of them are in one place, and none such are looked for."""
     entries = sp.coo_array((values, (rows, columns)), shape=shape)
     entries.has_canonical_format = True

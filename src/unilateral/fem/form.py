@@ -45,39 +45,41 @@ class Form(NamedTuple):
         return self.coercivity**-0.5
 
     @property
-    def length(self) -> float:
-        """(k / m)^{1/2} for the m of `coercivity`: at most (k/c)^{1/2} and Friedrichs' constant."""
+    def length_scale(self) -> float:
+        """The length (k / m)^{1/2} for the coercivity m, at most (k/c)^{1/2} and Friedrichs' constant."""
         return math.sqrt(self.k / self.coercivity)
 
-    def held(self, side: Index) -> Mask:
-        """(k,) on which of these sides (k,) there are multipliers."""
-        return ~np.isin(side, self.clamped + self.free)
+    def has_multiplier(self, sides: Index) -> Mask:
+        """Whether each of these sides carries a multiplier: it is neither clamped nor free; shape (k,)."""
+        return ~np.isin(sides, self.clamped + self.free)
 
-    def edges(self, mesh: Mesh) -> Mask:
-        """(nb,) which boundary edges are clamped."""
+    def clamped_edges(self, mesh: Mesh) -> Mask:
+        """Whether each boundary edge lies on a clamped side; shape (nb,)."""
         return np.isin(mesh.side, self.clamped)
 
-    def fixed(self, mesh: Mesh) -> Mask:
-        """(n,) which nodes lie on clamped sides."""
-        fixed, edges = np.zeros(mesh.n_nodes, dtype=bool), self.edges(mesh)
-        fixed[mesh.boundary[edges | np.roll(edges, 1)]] = True
-        return fixed
+    def clamped_nodes(self, mesh: Mesh) -> Mask:
+        """Whether each node lies on a clamped side; shape (n,)."""
+        is_clamped = np.zeros(mesh.n_nodes, dtype=bool)
+        edges = self.clamped_edges(mesh)
+        # edge e begins at boundary node e, and ends at node e + 1
+        is_clamped[mesh.boundary[edges | np.roll(edges, 1)]] = True
+        return is_clamped
 
 
 H1 = Form()
 """The form (., .)_1 on H^1."""
 
 
-def decoupled(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
-    """A (n, n) with 0 in the rows and columns of the `fixed` (n,), but for the diagonal."""
+def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
+    """A (n, n) with 0 in the rows and columns of the `fixed` nodes (n,), but for the diagonal."""
     if not fixed.any():
         return A
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
-    off = (fixed[rows] | fixed[A.indices]) & (rows != A.indices)
-    return sp.csr_array((np.where(off, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
+    decoupled = (fixed[rows] | fixed[A.indices]) & (rows != A.indices)
+    return sp.csr_array((np.where(decoupled, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
 
 
-def row_sums(A: sp.csr_array, whole: Array, fixed: Mask) -> Array:
-    """(n,) the sums of the rows of a `decoupled` A, from those (n,) of the whole matrix."""
-    beside = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
-    return np.where(beside, A.sum(axis=1), whole)
+def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Array:
+    """The sums (n,) of the rows of a decoupled matrix, from those of the matrix before it was decoupled."""
+    meets_fixed = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
+    return np.where(meets_fixed, A.sum(axis=1), full_row_sums)

@@ -6,7 +6,7 @@ l = 1, ..., L, its hats at the new nodes times
     w_e = (I_l v)(midpoint of e) - mean of v at the ends of e,      e a halved edge of level l - 1.
 
 Let t be a triangle of level l - 1. In variables in which t is right and isosceles, its reference edge being
-the hypotenuse, its descendants are so, too, see `geometry.refinement`. If each came by at most 2 k + 1
+the hypotenuse, its descendants are so, too (`geometry.refinement`). If each came by at most 2 k + 1
 halvings of areas, halve them on until each came by so many. Their corners and legs are then those of the
 criss-cross lattice of 2^k squares on each leg of t, half of them in t; their hypotenuses may be others. But
 the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only, and
@@ -15,10 +15,11 @@ the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only,
     sum of w_e^2 over the halved edges of t <= C |I_l v|_{1,t}^2                                    (2)
 
 with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_k as in
-`growth`, computed like those: the largest eigenvalue on two values, the others eliminated. Used twice, (1)
-gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these variables, with the
-ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of level 0, changes
-|v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the triangles t of a level,
+`interpolation_constant`, computed like those: the largest eigenvalue on two values, the others eliminated.
+Used twice, (1) gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these
+variables, with the ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of
+level 0, changes |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the
+triangles t of a level,
 
     sum over e of w_e^2 rho_e <= k |v|_1^2,      rho_e = sum of k r_T / (C M) over the triangles t at e,
 
@@ -50,91 +51,115 @@ from unilateral.fem import residual_rounding
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.formulas.taylor import EPS
 
-CONSTANT = np.array([1, 1, 1.0001, 1.4473, 2.0001])
-"""CONSTANT[k] is an upper bound on C for a triangle with k children."""
-GROWTH = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
-"""These are upper bounds on M_0, M_1, ..., M_7."""
+CHILDREN_CONSTANTS = np.array([1, 1, 1.0001, 1.4473, 2.0001])
+"""The entry k is an upper bound on C in (2) for a triangle with k children (Proposition S13)."""
+INTERPOLATION_CONSTANTS = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
+"""Upper bounds on M_0, M_1, ..., M_7 in (1) (Proposition S13)."""
 
 
-def growth(halvings: int) -> float:
+def interpolation_constant(halvings: int) -> float:
     """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
-    times, rest = divmod(halvings // 2, len(GROWTH) - 1)
-    return float(GROWTH[-1] ** times * (GROWTH[rest] if rest or not times else 1.0))
+    # M_{j+k} <= M_j M_k: as many factors M_7 as there are, times the rest
+    times, k = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
+    return float(
+        INTERPOLATION_CONSTANTS[-1] ** times * (INTERPOLATION_CONSTANTS[k] if k or not times else 1.0)
+    )
 
 
-def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
-    """A bound on ||R||, for R (n,) on the hats of the last level, which is known up to the `doubt` (n,)."""
-    z = downwards(of, R)
-    A_z = residual_rounding.product(of.A, of.sums, z)
-    norm_of_z, left = residual_rounding.root(z, A_z.values), R - A_z.values
-    doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
-    of_doubt = residual_rounding.dual_norm(doubt, of.mass)
-    return residual_rounding.SLACK * norm_of_z + without_coarsest(of, left) + of_doubt
+def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array | float = 0.0) -> float:
+    """An upper bound on ||R|| for a functional R on the hats of the last level, by ||z|| + (3)."""
+    # R = (z, .) + R', and ||z||^2 = z . A z
+    z = apply_presmoothing_cycle(hierarchy, R)
+    A_z = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, z)
+    norm_of_z = residual_rounding.product_root(z, A_z.values)
+    remainder = R - A_z.values
+    # what is not known of R, the rounding of A z, in R - A z and in ||z||, and what R' has left on V_0
+    rounding = rounding + 2 * A_z.rounding + _bound_coarse_remainder(hierarchy, remainder)
+    rounding_norm = residual_rounding.lumped_dual_norm_bound(rounding, hierarchy.nodal_weights)
+    return (
+        residual_rounding.NORM_ROUNDING_FACTOR * norm_of_z
+        + norm_bound_beyond_coarsest(hierarchy, remainder)
+        + rounding_norm
+    )
 
 
-def _of_restriction(of: Hierarchy, R: Array) -> Array:
-    """(n,) what R has on V_0, and the rounding of its numbers on all levels, at the nodes of these."""
-    R, sizes = R.copy(), np.abs(R)
-    found = EPS * sizes
-    for level in reversed(of.levels):
+def _bound_coarse_remainder(hierarchy: Hierarchy, R: Array) -> Array:
+    """Bounds (n,), node by node, on what R has left on V_0 and on the rounding of its restrictions."""
+    sizes = np.abs(R)
+    R = R.copy()
+    rounding = EPS * sizes
+    for level in reversed(hierarchy.levels):
         level.restrict(R)
         level.restrict(sizes)
-        found[level.ends] += EPS * level.met * sizes[level.ends]
-    n = of.A_0.shape[0]
-    found[:n] += np.abs(R[:n])
-    return found
+        rounding[level.ends] += EPS * level.max_summands * sizes[level.ends]
+    # (3) is for functionals that vanish on V_0: all that is left there counts as rounding
+    n = hierarchy.A_0.shape[0]
+    rounding[:n] += np.abs(R[:n])
+    return rounding
 
 
-def downwards(of: Hierarchy, R: Array) -> Array:
-    """z (n,) of the V-cycle, with one sweep of Gauss and Seidel on each level."""
-    g, z, n = R.copy(), np.zeros_like(R), of.A_0.shape[0]
-    swept: list[Array] = []
-    if of.levels:
-        _sweep(of, z, R)
-        g -= of.A @ z
-        of.levels[-1].restrict(g)
-    for level in reversed(of.levels[:-1]):
+def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
+    """The z (n,) of a V-cycle for R, with one sweep of Gauss and Seidel on each level on its way down."""
+    # down: on each level a sweep from 0, and the residual goes to the level before
+    g = R.copy()
+    z = np.zeros_like(R)
+    n = hierarchy.A_0.shape[0]
+    corrections: list[Array] = []
+    if hierarchy.levels:
+        A = hierarchy.A
+        nodes = hierarchy.levels[-1].smoothed_nodes
+        if nodes is None:
+            nodes = np.arange(hierarchy.n, dtype=np.int32)
+        gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, nodes, 0, len(nodes), 1)
+        g -= A @ z
+        hierarchy.levels[-1].restrict(g)
+    for level in reversed(hierarchy.levels[:-1]):
         assert level.rows is not None
-        swept.append(level.sweep_down(level.rows, g)[0])
+        corrections.append(level.sweep_down(level.rows, g)[0])
         level.restrict(g)
+    # V_0 exactly; up: nothing is smoothed, so that R - (z, .) vanishes on V_0
     e = np.zeros_like(R)
-    e[:n] = of.coarsest.solve(g[:n])
-    for level in of.levels[:-1]:
+    e[:n] = hierarchy.coarse_factors.solve(g[:n])
+    for level in hierarchy.levels[:-1]:
         level.prolong(e)
-        e[slice(level.n) if level.smoothed is None else level.smoothed] += swept.pop()
-    if of.levels:
-        of.levels[-1].prolong(e)
+        e[slice(level.n) if level.smoothed_nodes is None else level.smoothed_nodes] += corrections.pop()
+    if hierarchy.levels:
+        hierarchy.levels[-1].prolong(e)
     return z + e
 
 
-def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
-    """One sweep of Gauss and Seidel for z, over the nodes whose hats the last level changed."""
-    A, smoothed = of.A, of.levels[-1].smoothed
-    if smoothed is None:
-        smoothed = np.arange(of.n, dtype=np.int32)
-    gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, smoothed, 0, len(smoothed), 1)
-
-
-def without_coarsest(of: Hierarchy, R: Array) -> float:
+def norm_bound_beyond_coarsest(hierarchy: Hierarchy, R: Array) -> float:
     """The bound (3), for an R (n,) that vanishes on V_0."""
-    R, found = R.copy(), 0.0
-    for level, rho in zip(reversed(of.levels), weights(of), strict=True):
-        found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))
+    R = R.copy()
+    level_sum = 0.0
+    # sum over the levels of (sum_e R_e^2 / rho_e)^{1/2}, from the last level to the first
+    for level, rho in zip(reversed(hierarchy.levels), edge_weights(hierarchy), strict=True):
+        level_sum += float(dnrm2(R[level.n_coarse : level.n] / np.sqrt(rho)))
         level.restrict(R)
-    return residual_rounding.SLACK * found
+    return residual_rounding.NORM_ROUNDING_FACTOR * level_sum
 
 
-def weights(of: Hierarchy) -> Iterator[Array]:
-    """(k,) rho_e of the edges that each level has halved, from the last level on."""
-    deepest = of.halved
-    of_halvings = np.array([growth(k) for k in range(int(deepest.max()) + 1)])
-    for level in reversed(of.levels):
-        step, deep = level.step, deepest[level.step.triangles]
-        below, deepest = np.zeros(step.before, dtype=np.int16), deepest[: step.before].copy()
-        np.maximum.at(below, step.parent, deep - level.halved)
-        np.maximum.at(deepest, step.parent, deep)
-        children = np.bincount(step.parent, minlength=step.before)
-        rho = of.form.k * of.roundness[of.root[: step.before]] / (CONSTANT[children] * of_halvings[below])
-        yield rho[step.at[:, 0]] + np.where(step.at[:, 1] >= 0, rho[step.at[:, 1]], 0)
+def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
+    """The weights rho_e (k,) of the edges that each level has halved, from the last level to the first."""
+    deepest = hierarchy.area_halvings
+    M = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
+    for level in reversed(hierarchy.levels):
+        step = level.step
+        # how often areas are halved in all below each triangle of the level before, and below its children
+        total_halvings = deepest[level.step.triangles]
+        halvings_below = np.zeros(step.n_old_triangles, dtype=np.int16)
+        deepest = deepest[: step.n_old_triangles].copy()
+        np.maximum.at(halvings_below, step.parent, total_halvings - level.area_halvings)
+        np.maximum.at(deepest, step.parent, total_halvings)
+        children = np.bincount(step.parent, minlength=step.n_old_triangles)
+        # k r_T / (C M) of a triangle t; rho_e is its sum over the one or two triangles at the edge
+        rho = (
+            hierarchy.form.k
+            * hierarchy.roundness[hierarchy.coarse_triangle[: step.n_old_triangles]]
+            / (CHILDREN_CONSTANTS[children] * M[halvings_below])
+        )
+        yield rho[step.edge_triangles[:, 0]] + np.where(
+            step.edge_triangles[:, 1] >= 0, rho[step.edge_triangles[:, 1]], 0
+        )

@@ -19,10 +19,10 @@ from pyamg.amg_core import gauss_seidel
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index, Int16, Int32, Mask
-from unilateral.fem.edge_matrix import matrix, some_rows
+from unilateral.fem.edge_matrix import assemble_by_edges, assemble_rows
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.refinement import Step
+from unilateral.geometry.refinement import RefinementStep
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,78 +30,82 @@ class FinerSpace:
     """V_l with n nodes, after V_{l-1} with the first of them.
 
     `ends` (o,) are the ends of the halved edges, and `P` (k, o) takes values there to those at the k new
-    nodes. `smoothed` (s,) are the nodes whose hats changed, `ends` first; `columns` (c,) are the nodes that
-    their rows reach, `smoothed` first; `rows` (s, c) are these rows of the matrix. If refinement was uniform,
-    `smoothed` and `columns` are None, and the rows are the whole matrix. The last level of a hierarchy has no
-    rows, for the hierarchy has its matrix. `step` made the level. `halved` says how often the area of each of
-    its new triangles was halved. When a functional goes to the level before, each of its numbers there is a
-    sum of at most `met`.
+    nodes. `smoothed_nodes` (s,) are the nodes whose hats changed, `ends` first; `columns` (c,) are the nodes
+    that their rows reach, `smoothed_nodes` first; `rows` (s, c) are these rows of the matrix. If refinement
+    was uniform, `smoothed_nodes` and `columns` are None, and the rows are the whole matrix. The last level of
+    a hierarchy has no rows, for the hierarchy has its matrix. `step` made the level. `area_halvings` says how
+    often the area of each of its new triangles was halved. When a functional goes to the level before, each
+    of its numbers there is a sum of at most `max_summands`.
     """
 
     n: int
     ends: Int32
     P: sp.csr_array
-    smoothed: Int32 | None
+    smoothed_nodes: Int32 | None
     columns: Int32 | None
     rows: sp.csr_array | None
-    step: Step
-    halved: Int16
-    met: int
+    step: RefinementStep
+    area_halvings: Int16
+    max_summands: int
 
     @property
-    def before(self) -> int:
+    def n_coarse(self) -> int:
         """The number of nodes of the level before."""
-        return self.step.n
+        return self.step.n_old_nodes
 
     def restrict(self, R: Array) -> None:
         """Turn R (n,) on the hats of this level into R on those of the level before, in place."""
-        R[self.ends] += self.P.T @ R[self.before : self.n]
+        R[self.ends] += self.P.T @ R[self.n_coarse : self.n]
 
     def prolong(self, v: Array) -> None:
         """Give v, which has values at the nodes of the level before, those at the new nodes, in place."""
-        v[self.before : self.n] = self.P @ v[self.ends]
+        v[self.n_coarse : self.n] = self.P @ v[self.ends]
 
     def sweep_down(self, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
         """x (s,), a forward sweep of Gauss and Seidel from 0 for r (n,), and what is left at its nodes.
 
-        S are the rows of a matrix at the `smoothed` nodes; S x is taken from r.
+        S are the rows of a matrix at the `smoothed_nodes`; S x is taken from r.
         """
-        if self.smoothed is None:
-            x, of = np.zeros(self.n), r[: self.n]
-            gauss_seidel(S.indptr, S.indices, S.data, x, of, 0, self.n, 1)
-            of -= S @ x
-            return x, of.copy()
+        if self.smoothed_nodes is None:
+            x = np.zeros(self.n)
+            level_r = r[: self.n]
+            gauss_seidel(S.indptr, S.indices, S.data, x, level_r, 0, self.n, 1)
+            level_r -= S @ x
+            return x, level_r.copy()
         assert self.columns is not None
-        x, k = np.zeros(S.shape[1]), S.shape[0]
-        gauss_seidel(S.indptr, S.indices, S.data, x, r[self.smoothed], 0, k, 1)
+        x = np.zeros(S.shape[1])
+        k = S.shape[0]
+        gauss_seidel(S.indptr, S.indices, S.data, x, r[self.smoothed_nodes], 0, k, 1)
         r[self.columns] -= S.T @ x[:k]
-        return x[:k], r[self.smoothed]
+        return x[:k], r[self.smoothed_nodes]
 
-    def sweep_up(self, S: sp.csr_array, e: Array, x: Array, left: Array) -> None:
+    def sweep_up(self, S: sp.csr_array, e: Array, x: Array, residual: Array) -> None:
         """Add x and a backward sweep for what is left (s,) to e (n,), which comes from coarser levels."""
-        if self.smoothed is None:
-            below, y = e[: self.n], np.zeros(self.n)
-            left -= S @ below
-            gauss_seidel(S.indptr, S.indices, S.data, y, left, self.n - 1, -1, -1)
-            below += x
-            below += y
+        if self.smoothed_nodes is None:
+            level_e = e[: self.n]
+            y = np.zeros(self.n)
+            residual -= S @ level_e
+            gauss_seidel(S.indptr, S.indices, S.data, y, residual, self.n - 1, -1, -1)
+            level_e += x
+            level_e += y
             return
-        y, k = np.zeros(S.shape[1]), S.shape[0]
-        left -= S @ e[self.columns]
-        gauss_seidel(S.indptr, S.indices, S.data, y, left, k - 1, -1, -1)
-        e[self.smoothed] += x + y[:k]
+        y = np.zeros(S.shape[1])
+        k = S.shape[0]
+        residual -= S @ e[self.columns]
+        gauss_seidel(S.indptr, S.indices, S.data, y, residual, k - 1, -1, -1)
+        e[self.smoothed_nodes] += x + y[:k]
 
-    def with_rows(self, rows: sp.csr_array) -> FinerSpace:
-        """This level with the rows (s, n) of its `smoothed` nodes, or with all rows if that is None."""
-        if self.smoothed is None:
+    def attach_rows(self, rows: sp.csr_array) -> FinerSpace:
+        """The level with the rows (s, n) of its `smoothed_nodes`, or with all rows if these are None."""
+        if self.smoothed_nodes is None:
             return replace(self, rows=rows)
         touched = np.zeros(self.n, dtype=bool)
         touched[rows.indices] = True
-        touched[self.smoothed] = False
-        columns = np.concatenate([self.smoothed, np.flatnonzero(touched).astype(np.int32)])
+        touched[self.smoothed_nodes] = False
+        columns = np.concatenate([self.smoothed_nodes, np.flatnonzero(touched).astype(np.int32)])
         place = np.empty(self.n, dtype=np.int32)
         place[columns] = np.arange(len(columns), dtype=np.int32)
-        shape = (len(self.smoothed), len(columns))
+        shape = (len(self.smoothed_nodes), len(columns))
         rows = sp.csr_array((rows.data, place[rows.indices], rows.indptr), shape=shape)
         return replace(self, columns=columns, rows=rows)
 
@@ -110,29 +114,31 @@ class FinerSpace:
 class Hierarchy:
     """The levels 1, ..., L, and A (n, n) on the last one, each row beginning with the diagonal.
 
-    `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `sums` (n,) are those of
-    A's rows, and `mass` (n,) are numbers m_i with sum m_i v_i^2 <= 4 ||v||^2; `boundary` (nb,) and `s` (nb +
-    1,) are as in `Mesh`. The last level has the triangles `nodes` (T, 3). They lie in the triangles `root`
-    (T,) of level 0, whose areas were halved `halved` (T,) times. The nodes `fixed` (n,) lie on clamped sides.
+    `coarse_mesh` is the mesh of level 0, `A_0` its matrix, which `coarse_factors` factorises. `row_sums` (n,)
+    are those of A's rows, and `nodal_weights` (n,) are numbers m_i with sum m_i v_i^2 <= 4 ||v||^2;
+    `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the `triangles` (T, 3), each in
+    the triangle `coarse_triangle` (T,) of level 0, whose area was halved `area_halvings` (T,) times.
+    `clamped_nodes` (n,) says which nodes lie on clamped sides.
     """
 
-    coarse: Mesh
+    coarse_mesh: Mesh
     A_0: sp.csr_array
-    coarsest: SuperLU
+    coarse_factors: SuperLU
     levels: Sequence[FinerSpace]
     A: sp.csr_array
-    sums: Array
-    mass: Array
+    row_sums: Array
+    nodal_weights: Array
     boundary: Index
     s: Array
-    nodes: Int32
-    root: Int32
-    halved: Int16
+    triangles: Int32
+    coarse_triangle: Int32
+    area_halvings: Int16
     form: Form
-    fixed: Mask
+    clamped_nodes: Mask
 
     @property
     def n(self) -> int:
+        """The number of nodes of the last level."""
         return int(self.A.shape[0])
 
     @cached_property
@@ -141,18 +147,19 @@ class Hierarchy:
 
         r + 1/r = |J|^2 / det J for the map J; its columns are the edges at the first node.
         """
-        a, b, c = self.coarse.points[self.coarse.triangulation.nodes.T]
-        both = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse.areas)
-        return np.asarray(2 / (both + np.sqrt(np.maximum(both**2 - 4, 0))))
+        # r <= 1 is the smaller root; det J is twice the area
+        a, b, c = self.coarse_mesh.points[self.coarse_mesh.triangulation.nodes.T]
+        ratio_sum = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
+        return np.asarray(2 / (ratio_sum + np.sqrt(np.maximum(ratio_sum**2 - 4, 0))))
 
     @cached_property
-    def smoothed(self) -> Int32:
+    def smoothed_nodes(self) -> Int32:
         """The inner nodes whose hats the last level has changed; none on level 0."""
         if not self.levels:
             return np.zeros(0, dtype=np.int32)
-        of = self.levels[-1].smoothed
+        nodes = self.levels[-1].smoothed_nodes
         inside = np.zeros(self.n, dtype=bool)
-        inside[slice(None) if of is None else of] = True
+        inside[slice(None) if nodes is None else nodes] = True
         inside[self.boundary] = False
         return np.flatnonzero(inside).astype(np.int32)
 
@@ -162,79 +169,143 @@ class Hierarchy:
 
         None unless the last step was uniform and the matrix before it is whole.
         """
-        if not self.levels or any(level.smoothed is not None for level in self.levels[-2:]):
+        if not self.levels or any(level.smoothed_nodes is not None for level in self.levels[-2:]):
             return None
         *levels, last = self.levels
-        n, A = last.before, levels[-1].rows if levels else self.A_0
+        n = last.n_coarse
+        A = levels[-1].rows if levels else self.A_0
         assert A is not None
-        kept, mass = np.flatnonzero(self.boundary < n), self.mass.copy()
+        coarse_boundary = np.flatnonzero(self.boundary < n)
+        # a coarse hat is the sum of the finer ones in it, each times its value: so is its lumped mass
+        mass = self.nodal_weights.copy()
         last.restrict(mass)
         sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
-        s = np.append(self.s[kept], self.s[-1])
-        of_nodes: dict[str, Any] = {"sums": sums, "mass": mass[:n], "fixed": self.fixed[:n]}
-        return replace(self, levels=levels, A=A, boundary=self.boundary[kept], s=s, **of_nodes)
+        s = np.append(self.s[coarse_boundary], self.s[-1])
+        return replace(
+            self,
+            levels=levels,
+            A=A,
+            boundary=self.boundary[coarse_boundary],
+            s=s,
+            row_sums=sums,
+            nodal_weights=mass[:n],
+            clamped_nodes=self.clamped_nodes[:n],
+        )
 
 
-def hierarchy(mesh: Mesh, known: Hierarchy | None = None, form: Form = H1) -> Hierarchy:
-    """The levels from the coarse mesh that it was refined from, to the mesh itself.
+def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = H1) -> Hierarchy:
+    """The levels from the coarse mesh that a mesh was refined from, to the mesh itself.
 
-    Those that are known of a mesh from which this one was refined are taken over.
+    Those of the `previous` hierarchy, of a mesh from which this one was refined, are taken over.
     """
-    found = known or _on_level_0(mesh.coarse or mesh, form)
-    steps = mesh.steps[len(found.levels) :]
+    hierarchy = previous or _build_level_0(mesh.coarse or mesh, form)
+    steps = mesh.steps[len(hierarchy.levels) :]
     if not steps:
-        return found
-    levels, nodes, root, halved = [*found.levels], found.nodes, found.root, found.halved
-    form, fixed = found.form, found.form.fixed(mesh)
+        return hierarchy
+    levels = [*hierarchy.levels]
+    triangles = hierarchy.triangles
+    coarse_triangle = hierarchy.coarse_triangle
+    area_halvings = hierarchy.area_halvings
+    form = hierarchy.form
+    clamped_nodes = hierarchy.form.clamped_nodes(mesh)
     if levels:
-        smoothed = levels[-1].smoothed
-        levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
+        smoothed = levels[-1].smoothed_nodes
+        # it was the last level, which has no rows of its own
+        levels[-1] = levels[-1].attach_rows(hierarchy.A if smoothed is None else hierarchy.A[smoothed])
     for step in steps:
-        more = halved[step.parent] + step.halved
-        nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
-        level = _level(step, more, fixed)
+        # triangles of this step: their nodes, their triangle of level 0, and how often that was halved
+        child_halvings = area_halvings[step.parent] + step.area_halvings
+        triangles = step.replace_values(triangles, step.nodes)
+        coarse_triangle = step.inherit(coarse_triangle)
+        area_halvings = step.replace_values(area_halvings, child_halvings)
+        level = _build_level(step, child_halvings, clamped_nodes)
         if step is not steps[-1]:
-            level = level.with_rows(_rows(level, mesh.points, nodes, form, fixed))
+            level = level.attach_rows(
+                _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
+            )
         levels.append(level)
-    of_mesh = _of_mesh(mesh, form)
-    return replace(found, levels=levels, nodes=nodes, root=root, halved=halved, **of_mesh)
+    fields = _finest_fields(mesh, form)
+    return replace(
+        hierarchy,
+        levels=levels,
+        triangles=triangles,
+        coarse_triangle=coarse_triangle,
+        area_halvings=area_halvings,
+        **fields,
+    )
 
 
-def _of_mesh(mesh: Mesh, form: Form) -> dict[str, Any]:
+def _finest_fields(mesh: Mesh, form: Form) -> dict[str, Any]:
     """The fields that belong to the mesh of the last level."""
-    fixed = form.fixed(mesh)
-    A, sums, mass = matrix(mesh.triangulation, mesh.points, form, fixed)
+    clamped_nodes = form.clamped_nodes(mesh)
+    A, sums, mass = assemble_by_edges(mesh.triangulation, mesh.points, form, clamped_nodes)
     mass *= form.coercivity
-    return {"A": A, "sums": sums, "mass": mass, "fixed": fixed, "boundary": mesh.boundary, "s": mesh.s}
+    return {
+        "A": A,
+        "row_sums": sums,
+        "nodal_weights": mass,
+        "clamped_nodes": clamped_nodes,
+        "boundary": mesh.boundary,
+        "s": mesh.s,
+    }
 
 
-def _rows(level: FinerSpace, points: Array, nodes: Int32, form: Form, fixed: Mask) -> sp.csr_array:
+def _assemble_level_rows(
+    level: FinerSpace, points: Array, triangles: Int32, form: Form, clamped_nodes: Mask
+) -> sp.csr_array:
     """The rows of a level whose triangles have those nodes (T, 3)."""
-    fixed = fixed[: level.n]
-    if level.step.after:
-        return matrix(level.step.after, points, form, fixed)[0]
-    assert level.smoothed is not None
-    return some_rows(points, nodes, level.smoothed, level.n, form, fixed)
+    clamped_nodes = clamped_nodes[: level.n]
+    if level.step.refined_triangulation:
+        return assemble_by_edges(level.step.refined_triangulation, points, form, clamped_nodes)[0]
+    assert level.smoothed_nodes is not None
+    return assemble_rows(points, triangles, level.smoothed_nodes, level.n, form, clamped_nodes)
 
 
-def _on_level_0(mesh: Mesh, form: Form) -> Hierarchy:
-    tri, known = mesh.triangulation, _of_mesh(mesh, form)
-    root, halved = np.arange(len(tri.nodes), dtype=np.int32), np.zeros(len(tri.nodes), dtype=np.int16)
-    level_0 = mesh, known["A"], splu(known["A"].tocsc())
-    return Hierarchy(*level_0, [], **known, nodes=tri.nodes, root=root, halved=halved, form=form)
+def _build_level_0(mesh: Mesh, form: Form) -> Hierarchy:
+    """The hierarchy of a mesh that was not refined."""
+    triangulation = mesh.triangulation
+    fields = _finest_fields(mesh, form)
+    coarse_triangle = np.arange(len(triangulation.nodes), dtype=np.int32)
+    area_halvings = np.zeros(len(triangulation.nodes), dtype=np.int16)
+    return Hierarchy(
+        coarse_mesh=mesh,
+        A_0=fields["A"],
+        coarse_factors=splu(fields["A"].tocsc()),
+        levels=[],
+        **fields,
+        triangles=triangulation.nodes,
+        coarse_triangle=coarse_triangle,
+        area_halvings=area_halvings,
+        form=form,
+    )
 
 
-def _level(step: Step, halved: Int16, fixed: Mask) -> FinerSpace:
-    """The level that a step makes, without its rows; some of the nodes (n,) are `fixed`."""
-    n, k = step.n, len(step.ends)
+def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask) -> FinerSpace:
+    """The level that a step makes, without its rows; some of the nodes (n,) are `clamped_nodes`."""
+    n = step.n_old_nodes
+    k = len(step.ends)
     changed = np.zeros(n, dtype=bool)
     changed[step.ends] = True
     ends = np.flatnonzero(changed).astype(np.int32)
     place = np.empty(n, dtype=np.int32)
     place[ends] = np.arange(len(ends), dtype=np.int32)
+    # the value at a new node is the mean of those at the ends of its edge, 0 at clamped ends
     start = np.arange(0, 2 * k + 1, 2, dtype=np.int32)
-    half = np.where(fixed[step.ends.ravel()], 0.0, 0.5)
+    half = np.where(clamped_nodes[step.ends.ravel()], 0.0, 0.5)
     P = sp.csr_array((half, place[step.ends.ravel()], start), shape=(k, len(ends)))
-    smoothed = None if step.after else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
-    met = 1 + int(np.bincount(P.indices).max())
-    return FinerSpace(n + k, ends, P, smoothed, None, None, step, halved, met)
+    smoothed = (
+        None if step.refined_triangulation else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
+    )
+    # a restricted number is that of the node itself and halves of those at the midpoints around it
+    max_summands = 1 + int(np.bincount(P.indices).max())
+    return FinerSpace(
+        n=n + k,
+        ends=ends,
+        P=P,
+        smoothed_nodes=smoothed,
+        columns=None,
+        rows=None,
+        step=step,
+        area_halvings=area_halvings,
+        max_summands=max_summands,
+    )

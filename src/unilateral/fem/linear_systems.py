@@ -21,17 +21,17 @@ try:
 except ModuleNotFoundError:  # there are no wheels for Windows
     pymetis = None  # type: ignore[assignment]
 
-NONE = np.empty(0, dtype=np.intp)
-DIRECT = 10_000
+NO_UNKNOWNS = np.empty(0, dtype=np.intp)
+MAX_FACTORISED_UNKNOWNS = 10_000
 """A matrix with at most this many unknowns is factorised."""
-SYMMETRIC = {"SymmetricMode": True}
-SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
+SUPERLU_OPTIONS = {"SymmetricMode": True}
+PROLONGATION_SMOOTHER = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
 """How PyAMG smooths prolongations; its default begins with random numbers."""
-MOST_STEPS = 200
+MAX_CG_STEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Sparse:
+class SparseFactors:
     """A matrix (n, n) factorised in the order `order` (n,) of its unknowns."""
 
     lu: SuperLU
@@ -44,19 +44,21 @@ class Sparse:
         return solution
 
 
-def dissected(A: sp.csr_array, boundary: Index = NONE) -> Sparse:
-    """A (n, n) factorised in its `elimination_order`."""
+def factorise_by_dissection(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> SparseFactors:
+    """A (n, n) factorised in the order of `elimination_order`."""
     order = elimination_order(A, boundary)
-    return Sparse(factorise(A, order), order)
+    return SparseFactors(factorise(A, order), order)
 
 
 def factorise(A: sp.csr_array, order: Index) -> SuperLU:
     """The factors of A (n, n), in its precision, with the unknowns in that order."""
-    return splu(A[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=SYMMETRIC)
+    return splu(
+        A[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=SUPERLU_OPTIONS
+    )
 
 
-def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
-    """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
+def elimination_order(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> Index:
+    """The order (n,) of elimination: the interior by nested dissection, then the boundary as it is listed.
 
     Without METIS the interior has SuperLU's order of minimum degree, for which it is factorised once more.
 
@@ -66,19 +68,20 @@ def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     interior = np.delete(np.arange(A.shape[0]), boundary)
     inner = A[interior][:, interior]
     graph = inner.tocoo()
-    off = graph.row != graph.col
-    if not np.any(off):
+    off_diagonal = graph.row != graph.col
+    if not np.any(off_diagonal):
         return np.concatenate([interior, boundary])
     if not pymetis:
-        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
+        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SUPERLU_OPTIONS)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
-    rows, neighbours = graph.row[off], graph.col[off]
+    rows = graph.row[off_diagonal]
+    neighbours = graph.col[off_diagonal]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
     dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))
     return np.concatenate([interior[np.asarray(dissection)], boundary])
 
 
-def last_block(lu: SuperLU, size: int) -> Array:
+def schur_factor(lu: SuperLU, size: int) -> Array:
     """R (size, size) upper triangular with R^T R the Schur complement on the last `size` unknowns.
 
     A = L U with U = diag(pivots) L^T, so R is the last block of U with its rows over the pivots' roots.
@@ -91,7 +94,7 @@ def last_block(lu: SuperLU, size: int) -> Array:
     return block / np.sqrt(np.diag(block))[:, None]
 
 
-def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
+def half_solve(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     """X (n, k) with X^T X = F^T A^{-1} F, for a symmetric positive definite A (n, n) and a sparse F (n, k).
 
     A factorisation of A bordered by F, its unknowns last, leaves L^{-1} F beside the factors of A = L U,
@@ -102,30 +105,34 @@ def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     lu = factorise(bordered, np.append(order, np.arange(n, n + k)))
     if not np.array_equal(lu.perm_r, lu.perm_c):
         raise RuntimeError("SuperLU exchanged rows of a symmetric matrix")
-    of_A, pivots = lu.perm_c[:n], lu.U.diagonal()
-    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])
+    # X = diag(pivots)^{-1/2} L^{-1} F, where L^{-1} F is the block of U beside the factors of A
+    A_rows = lu.perm_c[:n]
+    pivots = lu.U.diagonal()
+    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[A_rows] / np.sqrt(pivots[A_rows])[:, None])
 
 
-class Factor(NamedTuple):
+class OrderedMatrix(NamedTuple):
     """A symmetric positive definite matrix (n, n), and the order (n,) in which it is eliminated."""
 
     A: sp.csr_array
     order: Index
 
-    def products(self, F: sp.csc_array) -> Array:
-        """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
-        half = half_solved(self.A, F, self.order)
+    def inverse_products(self, F: sp.csc_array) -> Array:
+        """The matrix F^T A^{-1} F for a sparse F; shape (k, k)."""
+        half = half_solve(self.A, F, self.order)
         return (half.T @ half).toarray()
 
 
-class Descent:
+class ConjugateGradients:
     """An iterate x (n,) for A x = b, with a positive definite A (n, n), and its residual r (n,).
 
     `precondition` takes r to z; it is symmetric and positive definite. `rz` is r . z.
     """
 
     def __init__(self, A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array]) -> None:
-        self.A, self.x, self.precondition = A, x, precondition
+        self.A = A
+        self.x = x
+        self.precondition = precondition
         self.r = b - A @ x
         self.p = precondition(self.r)
         self.rz = float(self.r @ self.p)
@@ -134,38 +141,44 @@ class Descent:
         """Makes a step. Returns the decrease of x . A x - 2 b . x, which has its minimum where A x = b."""
         if not self.rz > 0:
             return 0.0
-        A_p, old = self.A @ self.p, self.rz
+        # x + alpha p with alpha = r . z / p . A p; the next p is z + (r . z / its value before) p
+        A_p = self.A @ self.p
+        old = self.rz
         curvature = float(self.p @ A_p)
         if not curvature > 0:  # rounding hides it, as on domains far smaller than 1
             self.rz = 0.0
             return 0.0
         alpha = old / curvature
-        self.x, self.r = self.x + alpha * self.p, self.r - alpha * A_p
+        self.x = self.x + alpha * self.p
+        self.r = self.r - alpha * A_p
         z = self.precondition(self.r)
         self.rz = float(self.r @ z)
         self.p = z + self.rz / old * self.p
         return alpha * old
 
 
-def rough_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
+def approximate_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
     """A^{-1} (n, n) itself where that is cheap, else a symmetric cycle of algebraic multigrid."""
-    if A.shape[0] <= DIRECT:
-        return dissected(A).solve if A.shape[0] else np.copy
+    if A.shape[0] <= MAX_FACTORISED_UNKNOWNS:
+        return factorise_by_dissection(A).solve if A.shape[0] else np.copy
     import pyamg  # whose import takes longer than small systems
 
-    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=SMOOTHING)
+    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=PROLONGATION_SMOOTHER)
     return levels.aspreconditioner().matvec  # type: ignore[no-any-return]
 
 
-def solved(A: sp.csr_array, b: Array, x: Array, mass: Array, least: float) -> tuple[Array, int]:
+def solve_sparse(
+    A: sp.csr_array, b: Array, start: Array, weights: Array, max_residual_square: float
+) -> tuple[Array, int]:
     """x (n,) with A x = b, and the number of steps.
 
-    They begin at the given x (n,) and end when sum r_i^2 / mass_i is at most `least`.
+    They begin at `start` (n,) and end when sum r_i^2 / weights_i is at most `max_residual_square`.
     """
-    if len(b) <= DIRECT:
-        return dissected(A).solve(b), 1
-    run, steps = Descent(A, b, x, rough_inverse(A)), 0
-    while run.r @ (run.r / mass) > least and steps < MOST_STEPS and run.rz > 0:
+    if len(b) <= MAX_FACTORISED_UNKNOWNS:
+        return factorise_by_dissection(A).solve(b), 1
+    run = ConjugateGradients(A, b, start, approximate_inverse(A))
+    steps = 0
+    while run.r @ (run.r / weights) > max_residual_square and steps < MAX_CG_STEPS and run.rz > 0:
         run.step()
         steps += 1
     return run.x, steps

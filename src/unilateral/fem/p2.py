@@ -16,176 +16,214 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
 from unilateral.fem.form import Form
-from unilateral.fem.linear_systems import NONE, Descent, rough_inverse
-from unilateral.fem.p1 import edge_load, from_elements, gradients
+from unilateral.fem.linear_systems import NO_UNKNOWNS, ConjugateGradients, approximate_inverse
+from unilateral.fem.p1 import assemble_matrix, edge_load, gradients
 from unilateral.geometry.mesh import Mesh
 
-HATS = (np.ones((3, 3)) + np.eye(3)) / 12
-BUBBLES = (np.ones((3, 3)) + np.eye(3)) * 4 / 45
-MIXED = (1 + np.eye(3) + np.eye(3)[[1, 2, 0]]) / 15
-"""On a triangle of area 1, HATS, BUBBLES and MIXED are (., .)_0 of hats, of bubbles, of bubbles with hats."""
-MASS = np.block([[HATS, MIXED.T], [MIXED, BUBBLES]])
-AT_NODES = np.zeros((3, 3, 6))
-"""AT_NODES[e, a, c] is the coefficient of grad psi_a at node e in the gradient of the basis function c."""
+HAT_MASS = (np.ones((3, 3)) + np.eye(3)) / 12
+BUBBLE_MASS = (np.ones((3, 3)) + np.eye(3)) * 4 / 45
+BUBBLE_HAT_MASS = (1 + np.eye(3) + np.eye(3)[[1, 2, 0]]) / 15
+"""(., .)_0 on a triangle of area 1: of hats, of bubbles, and of bubbles (rows) with hats."""
+QUADRATIC_MASS = np.block([[HAT_MASS, BUBBLE_HAT_MASS.T], [BUBBLE_HAT_MASS, BUBBLE_MASS]])
+GRADIENTS_AT_NODES = np.zeros((3, 3, 6))
+"""[e, a, c] is the coefficient of grad psi_a at node e in the gradient of the basis function c."""
 for _i, _j in ((0, 1), (1, 2), (2, 0)):
-    AT_NODES[:, _i, _i], AT_NODES[_i, _j, 3 + _i], AT_NODES[_j, _i, 3 + _i] = 1, 4, 4
-STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
-"""STIFFNESS[a, b, c, d] is that of grad psi_a . grad psi_b in (grad ., grad .)_0 of c and d, at area 1."""
+    GRADIENTS_AT_NODES[:, _i, _i] = 1
+    GRADIENTS_AT_NODES[_i, _j, 3 + _i] = 4
+    GRADIENTS_AT_NODES[_j, _i, 3 + _i] = 4
+QUADRATIC_STIFFNESS = np.einsum("ef,eac,fbd->abcd", HAT_MASS, GRADIENTS_AT_NODES, GRADIENTS_AT_NODES)
+"""[a, b, c, d] is the coefficient of grad psi_a . grad psi_b in (grad ., grad .)_0 of c and d, at area 1."""
 
 
-def linear_squares(areas: Array, values: Array) -> Array:
-    """(k,) squared L2 norms of functions linear on triangles, from the values (k, 3, ...) at the nodes."""
-    own, of_sums = ((a**2).sum(axis=tuple(range(1, a.ndim))) for a in (values, values.sum(axis=1)))
-    return np.asarray(areas / 12 * (own + of_sums))
+def linear_square_norms(areas: Array, values: Array) -> Array:
+    """The squared L2 norms (k,) on triangles of functions that are linear there, from their corner values.
+
+    ||v||_{0,T}^2 = |T| / 12 (sum v_i^2 + (sum v_i)^2), summed over the components of vectors and tensors.
+    """
+    axes = tuple(range(1, values.ndim))
+    square_sums = (values**2).sum(axis=axes)
+    sum_squares = (values.sum(axis=1) ** 2).sum(axis=axes[:-1])
+    return np.asarray(areas / 12 * (square_sums + sum_squares))
 
 
-def squares(areas: Array, hats: Array, bubbles: Array) -> Array:
-    """(k,) squared L2 norms, from the coefficients (k, 3, ...) on triangles."""
-    a, b = (values.reshape(len(values), 3, -1) for values in (hats, bubbles))
-    return np.asarray(areas * np.sum(HATS @ a * a + BUBBLES @ b * b + 2 * (MIXED @ a) * b, axis=(1, 2)))
+def quadratic_square_norms(areas: Array, hats: Array, bubbles: Array) -> Array:
+    """The squared L2 norms on triangles of functions of P2, from their coefficients; shape (k,)."""
+    a = hats.reshape(len(hats), 3, -1)
+    b = bubbles.reshape(len(bubbles), 3, -1)
+    return np.asarray(
+        areas * np.sum(HAT_MASS @ a * a + BUBBLE_MASS @ b * b + 2 * (BUBBLE_HAT_MASS @ a) * b, axis=(1, 2))
+    )
 
 
-def slopes_at_nodes(slopes: Array, hats: Array, bubbles: Array) -> Array:
-    """(k, 3, 2) gradients at the nodes, from the `slopes` (k, 3, 2) of the hats and coefficients (k, 3).
+def gradients_at_nodes(hat_gradients: Array, hats: Array, bubbles: Array) -> Array:
+    """The gradients of a function of P2 at the corners of each triangle; shape (k, 3, 2).
 
     grad 4 psi_i psi_j is 4 grad psi_j at i, and 4 grad psi_i at j.
     """
-    linear = np.einsum("tid,ti->td", slopes, hats)[:, None]
-    after, before = np.roll(slopes, -1, axis=1), np.roll(slopes, 1, axis=1)
-    of_before = np.roll(bubbles, 1, axis=1)[..., None] * before
-    return np.asarray(linear + 4 * (bubbles[..., None] * after + of_before))
+    linear = np.einsum("tid,ti->td", hat_gradients, hats)[:, None]
+    next_gradients = np.roll(hat_gradients, -1, axis=1)
+    previous_gradients = np.roll(hat_gradients, 1, axis=1)
+    before_terms = np.roll(bubbles, 1, axis=1)[..., None] * previous_gradients
+    return np.asarray(linear + 4 * (bubbles[..., None] * next_gradients + before_terms))
 
 
 @dataclass(frozen=True, eq=False)
-class Quadratic:
-    """P2 on a mesh: the `unknowns` (m, 6) of every triangle, those of hats first, and `slopes` (m, 3, 2).
+class QuadraticSpace:
+    """P2 on a mesh: the `unknowns` (m, 6) of every triangle, those of hats first.
 
-    The slopes are the hats' gradients. `of_boundary` (2 nb,) are the unknowns of the boundary nodes, then
-    those of the boundary edges; `size` is the number of all unknowns.
+    `hat_gradients` (m, 3, 2) are the gradients of the hats. `boundary_unknowns` (2 nb,) are the unknowns of
+    the boundary nodes, then those of the boundary edges; `size` is the number of all unknowns.
     """
 
     mesh: Mesh
     unknowns: Int32
-    slopes: Array
-    of_boundary: Index
+    hat_gradients: Array
+    boundary_unknowns: Index
     size: int
 
-    def of_hats(self, v_h: Array) -> Array:
-        """(size,) the coefficients of a function (n,) of V_h."""
+    def embed_linear(self, v_h: Array) -> Array:
+        """The coefficients in P2 of a function of V_h; shape (size,)."""
         return np.append(v_h, np.zeros(self.size - len(v_h)))
 
     def coefficients(self, v: Array) -> tuple[Array, Array]:
-        """(m, 3), (m, 3) the coefficients of hats and of bubbles on the triangles."""
-        of = v[self.unknowns]
-        return of[:, :3], of[:, 3:]
+        """The coefficients of hats and of bubbles on each triangle; shapes (m, 3), (m, 3)."""
+        element_values = v[self.unknowns]
+        return element_values[:, :3], element_values[:, 3:]
 
     def gradient(self, v: Array) -> Array:
-        """(m, 3, 2) the gradient of v at the nodes of the triangles."""
-        return slopes_at_nodes(self.slopes, *self.coefficients(v))
+        """The gradient of v at the corners of each triangle; shape (m, 3, 2)."""
+        return gradients_at_nodes(self.hat_gradients, *self.coefficients(v))
 
-    def assembled(self, of_triangles: Array) -> Array:
-        """(size,) the sums over the triangles of values (m, 6) that belong to their unknowns."""
-        return np.bincount(self.unknowns.ravel(), of_triangles.ravel(), self.size).astype(float)
+    def assemble(self, element_values: Array) -> Array:
+        """The sums over the triangles of numbers that belong to their unknowns; shape (size,)."""
+        return np.bincount(self.unknowns.ravel(), element_values.ravel(), self.size).astype(float)
 
     def load(self, values: Array) -> Array:
-        """(size,) the load of an f that is linear on every triangle, with the values (m, 3) at its nodes."""
-        return self.assembled(self.mesh.areas[:, None] * (values @ MASS[:3]))
+        """The load (size,) of a source that is linear on every triangle, from its values at the corners."""
+        return self.assemble(self.mesh.areas[:, None] * (values @ QUADRATIC_MASS[:3]))
 
     def edge_load(self, values: Array) -> Array:
-        """(size,) the load of a flux linear on every boundary edge, with the values (nb, 2) at its ends."""
-        load = self.of_hats(edge_load(self.mesh, values))
-        load[np.split(self.of_boundary, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
+        """The load (size,) of a flux that is linear on every boundary edge, from its values at the ends."""
+        load = self.embed_linear(edge_load(self.mesh, values))
+        # a bubble is 4 x (1 - x) on its edge: a linear flux has |e| / 3 (sigma_a + sigma_b) against it
+        load[np.split(self.boundary_unknowns, 2)[1]] = np.diff(self.mesh.s) / 3 * values.sum(axis=1)
         return load
 
-    def load_of_gradients(self, hats: Array, bubbles: Array) -> Array:
-        """(size,) the products of the basis functions' gradients with a field of coefficients (m, 3, 2)."""
-        moments = self.mesh.areas[:, None, None] * (HATS @ hats + MIXED.T @ bubbles)
-        along = moments @ self.slopes.transpose(0, 2, 1)
-        return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
+    def gradient_load(self, hats: Array, bubbles: Array) -> Array:
+        """The load (q, grad phi) (size,) of a vector field q of P2 on each triangle, by its coefficients."""
+        moments = self.mesh.areas[:, None, None] * (HAT_MASS @ hats + BUBBLE_HAT_MASS.T @ bubbles)
+        # moments of q with the hats, times grad psi_a: what GRADIENTS_AT_NODES combines to (q, grad phi)
+        along = moments @ self.hat_gradients.transpose(0, 2, 1)
+        return self.assemble(along.reshape(-1, 9) @ GRADIENTS_AT_NODES.reshape(9, 6))
 
     def matrix(self, form: Form) -> sp.csr_array:
-        """(size, size) the matrix of k (grad ., grad .)_0 + c (., .)_0, on clamped sides, too."""
-        products = form.k * (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
-        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + form.c * MASS.ravel())
-        return from_elements(self.unknowns, entries, self.size)
+        """The matrix of k (grad ., grad .)_0 + c (., .)_0, clamped sides included; shape (size, size)."""
+        products = form.k * (self.hat_gradients @ self.hat_gradients.transpose(0, 2, 1)).reshape(-1, 9)
+        entries = self.mesh.areas[:, None] * (
+            products @ QUADRATIC_STIFFNESS.reshape(9, 36) + form.c * QUADRATIC_MASS.ravel()
+        )
+        return assemble_matrix(self.unknowns, entries, self.size)
 
-    def free(self, contact: Mask, others: Index = NONE) -> sp.csr_array:
-        """(size, k) a basis of functions that vanish in `contact` (2 nb,): boundary nodes, then midpoints.
+    def vanishing_basis(self, contact: Mask, zero_unknowns: Index = NO_UNKNOWNS) -> sp.csr_array:
+        """A basis (size, k) of the functions that vanish at the boundary nodes and midpoints in contact.
 
-        At a midpoint in contact the bubble takes back half of each hat at the ends of its edge. The `others`
-        are unknowns that are 0.
+        At a midpoint in contact the bubble takes back half of each hat at the ends of its edge. The
+        `zero_unknowns` are unknowns that are 0.
         """
-        nodes, middles = np.split(self.of_boundary, 2)
+        nodes, middles = np.split(self.boundary_unknowns, 2)
         fixed = np.zeros(self.size, dtype=bool)
-        fixed[self.of_boundary[contact]] = True
-        fixed[others] = True
-        here = np.flatnonzero(contact[len(nodes) :])
-        rows, ends = np.tile(middles[here], 2), np.append(nodes[here], np.roll(nodes, -1)[here])
-        back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
-        return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
+        fixed[self.boundary_unknowns[contact]] = True
+        fixed[zero_unknowns] = True
+        contact_edges = np.flatnonzero(contact[len(nodes) :])
+        rows = np.tile(middles[contact_edges], 2)
+        ends = np.append(nodes[contact_edges], np.roll(nodes, -1)[contact_edges])
+        taken_back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
+        return (sp.eye_array(self.size, format="csr") + taken_back.tocsr())[:, ~fixed]
 
-    def descent(self, A: sp.csr_array, load: Array, start: Array, free: sp.csr_array) -> Descent:
-        """The descent to the x (k,) for which v = start + `free` x has the least v . A v - 2 load . v."""
-        own, n = (free.T @ A @ free).tocsr(), free[: self.mesh.n_nodes].nnz
-        of_hats, diagonal = rough_inverse(own[:n, :n].tocsr()), own.diagonal()[n:]
-        zero, rhs = np.zeros(free.shape[1]), free.T @ (load - A @ start)
-        return Descent(own, rhs, zero, lambda r: np.append(of_hats(r[:n]), r[n:] / diagonal))
+    def conjugate_gradients(
+        self, A: sp.csr_array, load: Array, start: Array, basis: sp.csr_array
+    ) -> ConjugateGradients:
+        """The descent to the x (k,) for which v = start + `basis` x has the least v . A v - 2 load . v.
+
+        `basis` (size, k) is one of `vanishing_basis`: a column for each free hat, in the first columns, then
+        bubbles.
+        """
+        # hats and bubbles nearly decouple: each has its own preconditioner
+        reduced = (basis.T @ A @ basis).tocsr()
+        # a hat has an entry in its own column only; those of bubbles take back parts of hats
+        n_hats = basis[: self.mesh.n_nodes].nnz
+        invert_hats = approximate_inverse(reduced[:n_hats, :n_hats].tocsr())
+        diagonal = reduced.diagonal()[n_hats:]
+        zero = np.zeros(basis.shape[1])
+        rhs = basis.T @ (load - A @ start)
+        return ConjugateGradients(
+            reduced, rhs, zero, lambda r: np.append(invert_hats(r[:n_hats]), r[n_hats:] / diagonal)
+        )
 
 
-def quadratic(mesh: Mesh) -> Quadratic:
+def quadratic_space(mesh: Mesh) -> QuadraticSpace:
     """P2 on a mesh."""
-    n, edges, of = mesh.n_nodes, mesh.opposite_edges[:, [2, 0, 1]], mesh.triangulation
-    return Quadratic(
+    n = mesh.n_nodes
+    edges = mesh.opposite_edges[:, [2, 0, 1]]
+    triangulation = mesh.triangulation
+    return QuadraticSpace(
         mesh,
         unknowns=np.concatenate([mesh.triangles, n + edges], axis=1).astype(np.int32),
-        slopes=gradients(mesh),
-        of_boundary=np.concatenate([mesh.boundary, n + of.boundary]),
-        size=n + len(of.ends),
+        hat_gradients=gradients(mesh),
+        boundary_unknowns=np.concatenate([mesh.boundary, n + triangulation.boundary_edges]),
+        size=n + len(triangulation.ends),
     )
 
 
-class Layer(NamedTuple):
+class BoundaryLayer(NamedTuple):
     """The triangles (k,) with nodes on the boundary: their areas, and the gradients (k, 3, 2) of their hats.
 
-    `at` (nb, 2) says where each boundary edge begins: in which row, and at which node of that triangle.
-    Bubble i of a triangle is that of its nodes i and i + 1.
+    `edge_places` (nb, 2) says where each boundary edge begins: in which row, and at which node of that
+    triangle. Bubble i of a triangle is that of its nodes i and i + 1.
     """
 
     mesh: Mesh
     triangles: Index
     areas: Array
-    slopes: Array
-    at: Index
+    hat_gradients: Array
+    edge_places: Index
 
     def function(self, nodal: Array, bubble: Array) -> tuple[Array, Array]:
         """The coefficients (k, 3) of hats and of bubbles, from those at boundary nodes and edges (nb,)."""
-        values, of_edges = np.zeros(self.mesh.n_nodes), np.zeros((len(self.triangles), 3))
+        values = np.zeros(self.mesh.n_nodes)
+        bubbles = np.zeros((len(self.triangles), 3))
         values[self.mesh.boundary] = nodal
-        of_edges[self.at[:, 0], self.at[:, 1]] = bubble
-        return values[self.mesh.triangles[self.triangles]], of_edges
+        bubbles[self.edge_places[:, 0], self.edge_places[:, 1]] = bubble
+        return values[self.mesh.triangles[self.triangles]], bubbles
 
-    def squares(self, form: Form, hats: Array, bubbles: Array) -> Array:
-        """(k,) the squared energy norms on the triangles, from these coefficients."""
-        of_gradient = linear_squares(self.areas, slopes_at_nodes(self.slopes, hats, bubbles))
-        return form.k * of_gradient + form.c * squares(self.areas, hats, bubbles)
+    def square_norms(self, form: Form, hats: Array, bubbles: Array) -> Array:
+        """The squared energy norms on the triangles of a function with these coefficients; shape (k,)."""
+        gradient_squares = linear_square_norms(
+            self.areas, gradients_at_nodes(self.hat_gradients, hats, bubbles)
+        )
+        return form.k * gradient_squares + form.c * quadratic_square_norms(self.areas, hats, bubbles)
 
     def norm(self, form: Form, nodal: Array, bubble: Array) -> float:
         """The energy norm of the function with these coefficients at boundary nodes and edges (nb,)."""
-        return math.sqrt(float(self.squares(form, *self.function(nodal, bubble)).sum()))
+        return math.sqrt(float(self.square_norms(form, *self.function(nodal, bubble)).sum()))
 
-    def bubble_squares(self, form: Form) -> Array:
-        """(nb,) the squares of the bubbles' energy norms on the boundary edges."""
-        row, node = self.at.T
-        of = self._replace(triangles=self.triangles[row], areas=self.areas[row], slopes=self.slopes[row])
-        return of.squares(form, np.zeros((len(row), 3)), np.eye(3)[node])
+    def bubble_square_norms(self, form: Form) -> Array:
+        """The squared energy norms of the bubbles of the boundary edges; shape (nb,)."""
+        row, node = self.edge_places.T
+        edge_layer = self._replace(
+            triangles=self.triangles[row], areas=self.areas[row], hat_gradients=self.hat_gradients[row]
+        )
+        return edge_layer.square_norms(form, np.zeros((len(row), 3)), np.eye(3)[node])
 
 
-def layer(mesh: Mesh) -> Layer:
-    """The layer of a mesh."""
+def boundary_layer(mesh: Mesh) -> BoundaryLayer:
+    """The triangles of a mesh that have nodes on its boundary."""
     on_boundary = np.zeros(mesh.n_nodes, dtype=bool)
     on_boundary[mesh.boundary] = True
     triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
-    at = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
-    part = mesh.part(triangles)
-    return Layer(mesh, triangles, part.areas, gradients(part), at)
+    edge_places = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
+    layer_mesh = mesh.select_triangles(triangles)
+    return BoundaryLayer(
+        mesh, triangles, areas=layer_mesh.areas, hat_gradients=gradients(layer_mesh), edge_places=edge_places
+    )

@@ -1,6 +1,6 @@
 """Constants in the inequalities of Poincare, on triangles, and of Friedrichs, on a polygon.
 
-That of Friedrichs is a guaranteed C with ||v||_0 <= C |v|_1 for functions v of H^1 that vanish on some sides.
+Friedrichs' constant is a guaranteed C with ||v||_0 <= C |v|_1 for all v in H^1 that vanish on some sides.
 C^{-2} is the least eigenvalue lambda of -Delta with v = 0 there. The space of Crouzeix and Raviart has
 functions that are linear on each triangle, with one mean on each edge, 0 on clamped edges. With its least
 eigenvalue lambda_h and h the longest edge,
@@ -23,9 +23,9 @@ is a sum of at most b + 1 products, so that
 
 (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem 10.3; the entries of |R^T| |R|
 are bounded by Cauchy and Schwarz), with b + 4 in place of b + 2 if quotients are products with rounded
-reciprocals. The entries of B are rounded likewise, by less than 20 EPS/2, and then the diagonal of A by
-4 EPS/2. The rounding of areas, which is large on flat triangles, belongs to `Mesh.growth`. There are at most
-2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2}, B >= mu if
+reciprocals. The entries of B are rounded likewise, by less than 20 EPS/2, and then the diagonal of A by 4
+EPS/2. The rounding of areas, which is large on flat triangles, belongs to `Mesh.exact_mesh_factor`. There are
+at most 2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2}, B >= mu if
 
     shift = (b + 28) (b + 1) EPS.
 
@@ -45,10 +45,10 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.p1 import from_elements, gradients
+from unilateral.fem.p1 import assemble_matrix, gradients
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.mesh import Mesh, refine, with_boundary
-from unilateral.geometry.partition import balanced, uniform
+from unilateral.geometry.mesh import Mesh, refine_uniformly, triangulate_from_boundary
+from unilateral.geometry.partition import balance_cells, make_uniform_partition
 
 KAPPA = 0.19
 """||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge.
@@ -56,27 +56,27 @@ KAPPA = 0.19
 Proved with Proposition S1 in supplement.md; the computation in its proof is tests/unit/fem/test_kappa.py.
 No constant below 0.189 is enough for equilateral triangles.
 """
-MIN_NODES = 250
+MIN_FRIEDRICHS_NODES = 250
 """A mesh is halved until it has so many nodes. A coarser one has a larger constant."""
-MAX_NODES = 10_000
+MAX_FRIEDRICHS_NODES = 10_000
 """A mesh with more nodes is not used. Another one has almost the same constant, and takes less time."""
 EIGENVALUE_SHARE = 1 - 1e-6
-"""mu is this part of what is left of the eigenvalue that was computed."""
+"""mu is this fraction of the computed eigenvalue less what the shift takes."""
 MAX_EDGE_RATIO = 4.0
 """A mesh whose boundary edges at a clamped side are longer by this than their neighbours is too coarse there.
 
 Only the size of the constant depends on it.
 """
-BOUNDARY_PARTS = 8
-"""No boundary edge of the graded mesh is longer than this fraction of the diameter: 1 / BOUNDARY_PARTS.
+MIN_EDGES_PER_DIAMETER = 8
+"""No boundary edge of the graded mesh is longer than the diameter over this.
 
 None is more than twice as long as its neighbours.
 """
-GROWTH = 0.4
-"""How fast triangles grow with the distance from the boundary in the graded mesh, see `with_boundary`."""
+GRADED_MESH_GROWTH = 0.4
+"""Triangles of the graded mesh grow by this times their distance from the boundary."""
 
 
-def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """A number C with ||v||_0 <= C |v|_1 for functions v that are 0 on some sides of the mesh's polygon.
 
     It is computed on the mesh, or on the one that it was refined from. If that is large, or too coarse beside
@@ -102,7 +102,11 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     coarse = mesh.coarse or mesh
     polygon = mesh.polygon
     # norms on the exact mesh may be larger by the growth
-    constant = mesh.growth * constant_on(coarse, clamped) if coarse.n_nodes <= MAX_NODES else math.inf
+    constant = (
+        mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
+        if coarse.n_nodes <= MAX_FRIEDRICHS_NODES
+        else math.inf
+    )
 
     # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
     lengths = np.diff(coarse.s)
@@ -114,14 +118,14 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
 
     needed = f"polygon '{polygon.name}': c = 0 needs Friedrichs' constant for the clamped sides {[*clamped]}"
     try:
-        edges = balanced(uniform(polygon, polygon.diameter / BOUNDARY_PARTS))
-        graded = with_boundary(polygon, edges.points[:-1], GROWTH)
+        edges = balance_cells(make_uniform_partition(polygon, polygon.diameter / MIN_EDGES_PER_DIAMETER))
+        graded = triangulate_from_boundary(polygon, edges.points[:-1], GRADED_MESH_GROWTH)
     except InputError as error:
         if constant < math.inf:
             return constant
         nodes = f"this mesh of {coarse.n_nodes} nodes"
         raise InputError(f"{needed}, which {nodes} does not yield; {error}") from error
-    constant = min(constant, mesh.growth * constant_on(graded, clamped))
+    constant = min(constant, mesh.exact_mesh_factor * crouzeix_raviart_constant(graded, clamped))
     if constant == math.inf:
         height = float((2 * graded.areas / graded.longest_edges).min()) / polygon.diameter
         raise InputError(
@@ -131,37 +135,44 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     return constant
 
 
-def constant_on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """The least constant by a mesh and by its halves, up to MIN_NODES; infinite if rounding hides all."""
+def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+    """The least constant C by a mesh and its refinements; infinite where rounding hides all of them.
+
+    C^{-2} = lambda_h / (1 + KAPPA^2 h^2 lambda_h), h the longest edge (Proposition S15).
+    """
     constant = math.inf
     while True:
-        B, _ = crouzeix_raviart(mesh)
+        B, _ = crouzeix_raviart_matrix(mesh)
         is_free = np.ones(B.shape[0], dtype=bool)
-        is_free[mesh.triangulation.boundary[np.isin(mesh.side, clamped)]] = False
+        is_free[mesh.triangulation.boundary_edges[np.isin(mesh.side, clamped)]] = False
         mu = bound_eigenvalue(B[is_free][:, is_free])
         if mu > 0:
             # C^2 = 1 / lambda_h + KAPPA^2 h^2, and the exact domain is larger by the growth
-            constant = min(constant, mesh.growth * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2))
-        if mesh.n_nodes >= MIN_NODES:
+            constant = min(
+                constant, mesh.exact_mesh_factor * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2)
+            )
+        if mesh.n_nodes >= MIN_FRIEDRICHS_NODES:
             return constant
         try:
-            mesh = refine(mesh)
+            mesh = refine_uniformly(mesh)
         except InputError:  # edges as short as rounding
             return constant
 
 
-def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
-    """The least quotients |v|_1^2 / ||v||_0^2 of functions that are linear on triangles, with means on edges.
+def crouzeix_raviart_matrix(mesh: Mesh) -> tuple[sp.csr_array, Array]:
+    """B = M^{-1/2} K M^{-1/2} (n, n) of the space of Crouzeix and Raviart, and the diagonal (n,) of M^{1/2}.
 
-    Returns (n, n) B = M^{-1/2} K M^{-1/2} on the n edges and (n,) the diagonal of M^{1/2}: K is the stiffness
-    matrix, and M the mass matrix, which is diagonal.
+    K is the stiffness matrix on the n edges, and M the mass matrix, which is diagonal. Eigenvalues of B are
+    those of |v|_1^2 over ||v||_0^2.
     """
-    edges, n = mesh.opposite_edges, len(mesh.triangulation.ends)
-    slopes = -2 * gradients(mesh)
-    stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    edges = mesh.opposite_edges
+    n = len(mesh.triangulation.ends)
+    # the function of edge i is 1 - 2 psi_i, i the opposite node; the midpoint rule is exact for its square
+    function_gradients = -2 * gradients(mesh)
+    stiffness = mesh.areas[:, None, None] * (function_gradients @ function_gradients.transpose(0, 2, 1))
     mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), n)
-    root = sp.diags_array(1 / np.sqrt(mass))
-    return (root @ from_elements(edges, stiffness, n) @ root).tocsr(), np.sqrt(mass)
+    scaling = sp.diags_array(1 / np.sqrt(mass))
+    return (scaling @ assemble_matrix(edges, stiffness, n) @ scaling).tocsr(), np.sqrt(mass)
 
 
 def bound_eigenvalue(B: sp.csr_array) -> float:
@@ -177,6 +188,7 @@ def bound_eigenvalue(B: sp.csr_array) -> float:
     b = int(below.max(initial=0))
     band = np.zeros((b + 1, len(D)))
     band[below, entries.col] = entries.data
+    # what rounding may do to A = B - shift D - mu (Higham, theorem 10.3, and Gershgorin, as above)
     shift = (b + 28) * (b + 1) * EPS
     try:
         factor = cholesky_banded(band, lower=True)
@@ -187,6 +199,7 @@ def bound_eigenvalue(B: sp.csr_array) -> float:
         )
         # v . shift D v counts twice, for what it takes is of second order, too
         mu = EIGENVALUE_SHARE * float(eigenvalue[0] - 2 * shift * (D @ x[:, 0] ** 2))
+        # that Cholesky's algorithm ends proves B >= mu
         band[0] -= mu + shift * D
         cholesky_banded(band, lower=True)
     except (LinAlgError, ArpackError):  # no factor, or the iteration for the eigenvalue does not end

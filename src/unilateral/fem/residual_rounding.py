@@ -25,14 +25,14 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.blas import dnrm2
 
-from unilateral.arrays import Array, blocks
+from unilateral.arrays import Array, row_blocks
 from unilateral.formulas.taylor import EPS
 
-ROWS = 1 << 15
+PRODUCT_ROWS_PER_BLOCK = 1 << 15
 """This many rows are treated at a time: their numbers fit into a processor's cache."""
-UNIT = EPS / 2
+UNIT_ROUNDOFF = EPS / 2
 """The rounding of a number is at most this fraction of it; bounds have two units more for their own."""
-SLACK = 1 + 1e-9
+NORM_ROUNDING_FACTOR = 1 + 1e-9
 """A norm that is computed from A x is multiplied by this for its rounding, except for that of A x."""
 
 
@@ -40,51 +40,55 @@ class Rounded(NamedTuple):
     """Numbers (k,), and bounds (k,) of what rounding has done to them."""
 
     values: Array
-    doubt: Array
+    rounding: Array
 
 
-def terms(matrix: sp.csr_array) -> int:
+def max_row_entries(matrix: sp.csr_array) -> int:
     """The largest number of entries in a row."""
     return int(np.diff(matrix.indptr).max(initial=0))
 
 
-def product(A: sp.csr_array, sums: Array, u: Array) -> Rounded:
-    """A u (n,), for A (n, n) whose rows have those `sums` (n,) and an entry each."""
-    values, sizes = sums * u, np.abs(sums * u)
-    for rows in blocks(len(u), ROWS):
+def product_with_rounding(A: sp.csr_array, row_sums: Array, u: Array) -> Rounded:
+    """A u (n,), for A (n, n) whose rows have those `row_sums` (n,) and an entry each."""
+    # (A u)_i = s_i u_i + sum_j A_ij (u_j - u_i), and the sum of the terms' absolute values
+    values = row_sums * u
+    sizes = np.abs(row_sums * u)
+    for rows in row_blocks(len(u), PRODUCT_ROWS_PER_BLOCK):
         start = A.indptr[rows.start : rows.stop + 1]
-        of = slice(start[0], start[-1])
-        parts = A.data[of] * (u[A.indices[of]] - np.repeat(u[rows], np.diff(start)))
-        values[rows] += np.add.reduceat(parts, start[:-1] - start[0])
-        sizes[rows] += np.add.reduceat(np.abs(parts), start[:-1] - start[0])
-    return Rounded(values, UNIT * (terms(A) + 4) * sizes)
+        entries = slice(start[0], start[-1])
+        terms = A.data[entries] * (u[A.indices[entries]] - np.repeat(u[rows], np.diff(start)))
+        values[rows] += np.add.reduceat(terms, start[:-1] - start[0])
+        sizes[rows] += np.add.reduceat(np.abs(terms), start[:-1] - start[0])
+    return Rounded(values, UNIT_ROUNDOFF * (max_row_entries(A) + 4) * sizes)
 
 
-def constrained(B: sp.csr_array, u: Array, d: Array, lengths: Array | float = 1.0) -> Rounded:
+def gap_with_rounding(B: sp.csr_array, u: Array, d: Array, lengths: Array | float = 1.0) -> Rounded:
     """B u / lengths - d (m,), for B (m, n) without negative entries: integrals over cells, or means."""
-    values, sizes = B @ u / lengths - d, B @ np.abs(u) / lengths + np.abs(d)
-    return Rounded(values, UNIT * (terms(B) + 4) * sizes)
+    values = B @ u / lengths - d
+    sizes = B @ np.abs(u) / lengths + np.abs(d)
+    return Rounded(values, UNIT_ROUNDOFF * (max_row_entries(B) + 4) * sizes)
 
 
-def loaded(load: Array, B: sp.csr_array, pressure: Array) -> Rounded:
-    """load + B^T pressure (n,), for B (m, n) without negative entries and pressure (m,) >= 0."""
-    pull, most = B.T @ pressure, int(np.bincount(B.indices).max(initial=0))
-    return Rounded(load + pull, UNIT * (most + 4) * (np.abs(load) + pull))
+def load_with_rounding(load: Array, B: sp.csr_array, lambda_H: Array) -> Rounded:
+    """load + B^T lambda_H (n,), for B (m, n) without negative entries and lambda_H (m,) >= 0."""
+    pull = B.T @ lambda_H
+    max_cells = int(np.bincount(B.indices).max(initial=0))
+    return Rounded(load + pull, UNIT_ROUNDOFF * (max_cells + 4) * (np.abs(load) + pull))
 
 
-def residual(A: sp.csr_array, sums: Array, u: Array, load: Rounded) -> Rounded:
-    """load - A u (n,), A as in `product`."""
-    of_u = product(A, sums, u)
-    values = load.values - of_u.values
-    return Rounded(values, load.doubt + of_u.doubt + UNIT * np.abs(values))
+def residual_with_rounding(A: sp.csr_array, row_sums: Array, u: Array, load: Rounded) -> Rounded:
+    """The residual load - A u (n,), for A (n, n) with the sums (n,) of its rows."""
+    A_u = product_with_rounding(A, row_sums, u)
+    values = load.values - A_u.values
+    return Rounded(values, load.rounding + A_u.rounding + UNIT_ROUNDOFF * np.abs(values))
 
 
-def dual_norm(R: Array, mass: Array) -> float:
-    """A bound on the dual norm of R (n,) on V_h; squares neither overflow nor vanish."""
-    return SLACK * 2 * float(dnrm2(R / np.sqrt(mass)))
+def lumped_dual_norm_bound(R: Array, nodal_weights: Array) -> float:
+    """The bound 2 (sum R_i^2 / m_i)^{1/2} on the dual norm of R (n,) on V_h, with the nodal weights m_i."""
+    return NORM_ROUNDING_FACTOR * 2 * float(dnrm2(R / np.sqrt(nodal_weights)))
 
 
-def root(x: Array, y: Array) -> float:
-    """(x . y)^{1/2} for numbers (n,) of one size, or 0 if x . y < 0; computed in units of the largest one."""
-    unit = max(float(np.max(np.abs(each), initial=0.0)) for each in (x, y))
+def product_root(x: Array, y: Array) -> float:
+    """The root (x . y)^{1/2} for numbers of one size, 0 if x . y < 0, in units of the largest number."""
+    unit = max(float(np.max(np.abs(numbers), initial=0.0)) for numbers in (x, y))
     return unit * max(float(x / unit @ (y / unit)), 0.0) ** 0.5 if unit > 0 else 0.0

@@ -11,79 +11,83 @@ import scipy.sparse as sp
 from scipy.linalg import eigvalsh, solve_triangular
 
 from unilateral.arrays import Array, Index
-from unilateral.fem.condense import Condensed
+from unilateral.fem.condense import CondensedMatrix
 from unilateral.fem.p1 import coupling, energy_norm
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
-SINGULAR = 1e-12
+SINGULAR_EIGENVALUE_RATIO = 1e-12
 """beta counts as 0 if lambda_min / lambda_max of S is at most this."""
-FORMS = 1e-6
-"""At most this fraction of a quadratic form of A_3 or S is rounding; see `condense.CONSTANTS`."""
-STEKLOV_GUARD = 0.5
+FORM_ROUNDING = 1e-6
+"""At most this fraction of a quadratic form of A_3 or S is rounding: 100 times MAX_CONSTANT_ERROR."""
+STEKLOV_SHARE = 0.5
 """sigma_1 is known from above, by its Ritz value; this fraction of it is taken where beta is not known."""
 
 
 @dataclass(frozen=True, eq=False)
 class DualOperator:
-    """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and a function w of V_h.
+    """D = D_factor^T D_factor (m, m) of a mesh and a partition, the cells' lengths H_i (m,), and w in V_h.
 
     mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||; column i of
-    `half` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}. w is 1 at all
-    nodes that are not fixed. `lift_norm` is ||w||, and `lift_means` (m,) are its means on the cells.
+    `D_factor` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}. w is 1 at
+    all nodes that are not clamped. `shift_norm` is ||w||, and `shift_means` (m,) are its means on the cells.
     """
 
-    half: Array
+    D_factor: Array
     H_i: Array
-    lift_norm: float
-    lift_means: Array | float = 1.0
+    shift_norm: float
+    shift_means: Array | float = 1.0
 
     @cached_property
     def D(self) -> Array:
-        """(m, m), symmetric and semidefinite."""
-        return self.half.T @ self.half
+        """The symmetric and semidefinite matrix D = B A_3^{-1} B^T on the cells."""
+        return self.D_factor.T @ self.D_factor
 
     @cached_property
     def S(self) -> Array:
-        """(m, m) D on the unknowns H_i^{1/2} mu_i, whose Euclidean norm is ||mu||_0."""
-        root = np.sqrt(self.H_i)
-        return self.D / root[:, None] / root
+        """The matrix D on the unknowns H_i^{1/2} mu_i, whose Euclidean norm is ||mu||_0; shape (m, m)."""
+        scaling = np.sqrt(self.H_i)
+        return self.D / scaling[:, None] / scaling
 
     @cached_property
     def spectrum(self) -> Array:
-        """(m,) eigenvalues of S, ascending."""
+        """The eigenvalues of S, ascending; shape (m,)."""
         return eigvalsh(self.S)
 
     @property
     def lambda_min(self) -> float:
+        """The smallest eigenvalue of S."""
         return float(self.spectrum[0])
 
     @property
     def lambda_max(self) -> float:
+        """The largest eigenvalue of S."""
         return float(self.spectrum[-1])
 
     @property
-    def lambda_low(self) -> float:
+    def lambda_min_lower(self) -> float:
         """A lower bound on lambda_min: forming S and its spectrum rounds each by some EPS tr(S)."""
-        return (1 - FORMS) * self.lambda_min - EPS * sum(self.half.shape) * float(self.spectrum.sum())
+        rounding = EPS * sum(self.D_factor.shape) * float(self.spectrum.sum())
+        return (1 - FORM_ROUNDING) * self.lambda_min - rounding
 
     @property
-    def singular(self) -> bool:
+    def is_singular(self) -> bool:
         """Whether S, and with it beta, is zero on some mu, to rounding."""
-        return len(self.H_i) > 0 and self.lambda_min <= SINGULAR * self.lambda_max
+        return len(self.H_i) > 0 and self.lambda_min <= SINGULAR_EIGENVALUE_RATIO * self.lambda_max
 
     def gap(self, mu: Array, offset: Array) -> Array:
         """F (m,): the cell means of u(mu) - g, the offset being F(0); one application of D."""
         return self.D @ mu / self.H_i + offset
 
-    def lift(self, gap: Array) -> float:
+    def required_shift(self, gap: Array) -> float:
         """The least t >= 0 with which no mean of u + t w - g is below 0, those of u - g being the gap (m,).
 
-        It is infinite where such a mean cannot be raised, as all nodes of its cell are fixed.
+        It is infinite where such a mean cannot be raised, as all nodes of its cell are clamped.
         """
+        # t times the mean of w has to make up for the mean of u - g, where that is below 0
         below = gap < 0
-        means = np.broadcast_to(self.lift_means, gap.shape)[below]
+        means = np.broadcast_to(self.shift_means, gap.shape)[below]
         with np.errstate(divide="ignore"):
             return float(np.max(-gap[below] / means, initial=0.0))
 
@@ -93,10 +97,10 @@ class MixedSpaces:
     """A condensed mesh and a partition, coupled by B (m, nb).
 
     B and the dual operator belong to the m `cells` of the partition, those that have a multiplier. At nodes
-    that are fixed B is 0.
+    that are clamped B is 0.
     """
 
-    condensed: Condensed
+    condensed: CondensedMatrix
     partition: Partition
     cells: Index
     B: sp.csr_array
@@ -104,20 +108,22 @@ class MixedSpaces:
 
     @property
     def mesh(self) -> Mesh:
+        """The mesh of V_h."""
         return self.condensed.mesh
 
     @cached_property
     def beta(self) -> float:
-        """What serves as beta of (3.4) without a Gram matrix, for ||e||_{-1/2} <= sigma_1^{-1/2} ||e||_0."""
+        """A number in place of beta of (3.4), without a Gram matrix: (sigma_1 lambda_min / 2)^{1/2}."""
         if not len(self.cells):
             return 1.0
-        return math.sqrt(STEKLOV_GUARD * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
+        # ||mu||_{-1/2,h}^2 >= lambda_min ||mu||_0^2, and ||mu||_{-1/2}^2 <= ||mu||_0^2 / sigma_1
+        return math.sqrt(STEKLOV_SHARE * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
 
-    def extended(self, lambda_H: Array) -> Array:
+    def extend_by_zero(self, lambda_H: Array) -> Array:
         """lambda_H (m,) as a function on all cells, 0 on free sides."""
-        on_all = np.zeros(self.partition.n_cells)
-        on_all[self.cells] = lambda_H
-        return on_all
+        extended = np.zeros(self.partition.n_cells)
+        extended[self.cells] = lambda_H
+        return extended
 
     def response(self, load: Array, mu: Array) -> Array:
         """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,), or (n, k) of k at once."""
@@ -126,24 +132,27 @@ class MixedSpaces:
         return self.condensed.solve(total)
 
 
-def mixed_spaces(condensed: Condensed, partition: Partition) -> MixedSpaces:
+def mixed_spaces(condensed: CondensedMatrix, partition: Partition) -> MixedSpaces:
     """The spaces on a mesh and a partition, with multipliers where the form has them.
 
     Raises InputError if the partition belongs to another polygon than the mesh.
     """
-    cells = np.flatnonzero(condensed.form.held(partition.side))
+    cells = np.flatnonzero(condensed.form.has_multiplier(partition.side))
     B = coupling(condensed.mesh, partition)[cells]
-    B.data[condensed.fixed[condensed.mesh.boundary[B.indices]]] = 0.0
-    return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))
+    B.data[condensed.clamped_nodes[condensed.mesh.boundary[B.indices]]] = 0.0
+    operator = dual_operator(condensed, B, H_i=partition.lengths[cells])
+    return MixedSpaces(condensed, partition, cells=cells, B=B, operator=operator)
 
 
-def dual_operator(condensed: Condensed, B: sp.csr_array, H_i: Array) -> DualOperator:
+def dual_operator(condensed: CondensedMatrix, B: sp.csr_array, H_i: Array) -> DualOperator:
     """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,).
 
-    Of B nothing is taken at fixed nodes.
+    The columns of B at clamped nodes are left out.
     """
     loads = B.T.toarray()
-    loads[condensed.fixed[condensed.mesh.boundary]] = 0.0
-    half = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
-    lift_norm = energy_norm(condensed.mesh, np.where(condensed.fixed, 0.0, 1.0), condensed.form)
-    return DualOperator(half, H_i, lift_norm, loads.sum(axis=0) / H_i)
+    loads[condensed.clamped_nodes[condensed.mesh.boundary]] = 0.0
+    # D = B A_3^{-1} B^T = D_factor^T D_factor with D_factor = R^{-T} B^T, as A_3 = R^T R
+    D_factor = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
+    # w is 1 at all nodes that are not clamped; the integral of w over cell i is the sum of B[i]
+    shift_norm = energy_norm(condensed.mesh, np.where(condensed.clamped_nodes, 0.0, 1.0), condensed.form)
+    return DualOperator(D_factor, H_i, shift_norm=shift_norm, shift_means=loads.sum(axis=0) / H_i)

@@ -5,38 +5,40 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 
-from unilateral.formulas.exact_numbers import apply
-from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, Power, product
+from unilateral.formulas.exact_numbers import apply_function
+from unilateral.formulas.expression import ONE, ZERO, Expression, Power, Primitive, multiply_powers
 
-OUTER: dict[str, Callable[..., Expression]] = {
-    "sin": lambda a: apply("cos", a),
-    "cos": lambda a: -apply("sin", a),
-    "exp": lambda a: apply("exp", a),
-    "sinh": lambda a: apply("cosh", a),
-    "cosh": lambda a: apply("sinh", a),
-    "tanh": lambda a: 1 - apply("tanh", a) ** 2,
-    "pos": lambda a, k: k * apply("pos", a, k - 1) if k.rational else ZERO,
+OUTER_DERIVATIVES: dict[str, Callable[..., Expression]] = {
+    "sin": lambda a: apply_function("cos", a),
+    "cos": lambda a: -apply_function("sin", a),
+    "exp": lambda a: apply_function("exp", a),
+    "sinh": lambda a: apply_function("cosh", a),
+    "cosh": lambda a: apply_function("sinh", a),
+    "tanh": lambda a: 1 - apply_function("tanh", a) ** 2,
+    "pos": lambda a, k: k * apply_function("pos", a, k - 1) if k.rational else ZERO,
 }
 """The derivatives of functions by their first argument."""
 
 
-def derivative(of: Expression, name: str) -> Expression:
+def derivative(formula: Expression, variable: str) -> Expression:
     """The derivative of a formula without logarithms by the variable of that name."""
-    return sum((_of_product(c, powers, name) for powers, c in of.terms), ZERO)
+    return sum((_derive_product(c, powers, variable) for powers, c in formula.terms), ZERO)
 
 
-def _of_product(c: Fraction, powers: tuple[Power, ...], name: str) -> Expression:
+def _derive_product(c: Fraction, powers: tuple[Power, ...], variable: str) -> Expression:
+    """The derivative of c times powers: the sum over b^k of c k b^(k - 1) b' times the other powers."""
     terms = []
     for i, (base, k) in enumerate(powers):
-        if name in base.variables:
+        if variable in base.variables:
             # one product of all factors: equal ones become a power, whose enclosure is closer
-            inner, inner_powers = _of_base(base, name).factors
-            others = powers[:i] + powers[i + 1 :]
-            terms.append(product(c * k * inner, [(base, k - 1), *others, *inner_powers]))
+            inner, inner_powers = _derive_base(base, variable).factors
+            other_powers = powers[:i] + powers[i + 1 :]
+            terms.append(multiply_powers(c * k * inner, [(base, k - 1), *other_powers, *inner_powers]))
     return sum(terms, ZERO)
 
 
-def _of_base(base: Atom | Expression, name: str) -> Expression:
+def _derive_base(base: Primitive | Expression, variable: str) -> Expression:
+    """The derivative of a sum, by the chain rule of a function, and 1 of the variable."""
     if isinstance(base, Expression):
-        return derivative(base, name)
-    return OUTER[base.name](*base.args) * derivative(base.args[0], name) if base.args else ONE
+        return derivative(base, variable)
+    return OUTER_DERIVATIVES[base.name](*base.args) * derivative(base.args[0], variable) if base.args else ONE

@@ -9,74 +9,82 @@ from functools import reduce
 from operator import add
 from typing import Any, Generic, TypeVar
 
-from unilateral.formulas.expression import Atom, Expression, Part, Power, parts_in
+from unilateral.formulas.expression import Expression, Power, Primitive, Subexpression, count_subexpressions
 
 V = TypeVar("V", bound=Any)
 
 
 class Evaluation(ABC, Generic[V]):
-    """Computes the values of formulas from those of the variables and other `known` atoms.
+    """Computes the values of formulas from the `values` of the variables and of other primitives.
 
-    Values may be of any kind that can be added. Those of parts that occur more than once in the `formulas`
-    are kept, to be used again.
+    Values may be of any kind that can be added. Those of subexpressions that occur more than once in the
+    `formulas` are kept, to be used again.
     """
 
-    def __init__(self, formulas: tuple[Expression, ...], known: Mapping[Atom, V]) -> None:
-        self.known, self.count = known, parts_in(formulas)
-        self.kept: dict[Part, V] = {}
+    def __init__(self, formulas: tuple[Expression, ...], values: Mapping[Primitive, V]) -> None:
+        self.values = values
+        self.counts = count_subexpressions(formulas)
+        self.cache: dict[Subexpression, V] = {}
 
     @abstractmethod
-    def number(self, value: Fraction) -> V: ...
+    def number(self, value: Fraction) -> V:
+        """The value of a rational number."""
 
     @abstractmethod
     def power(self, base: V, k: Fraction) -> V:
         """The power of a value, for k != 1."""
 
     @abstractmethod
-    def function(self, of: Atom) -> V:
-        """The value of an atom that is not known."""
+    def function(self, primitive: Primitive) -> V:
+        """The value of a primitive that is not among the `values`."""
 
     def product(self, a: V, b: V) -> V:
+        """The product of two values."""
         return a * b
 
     def times(self, value: V, e: Expression) -> V:
         """A value times an expression without variables, which is not 1."""
-        return self.product(value, self.of(e))
+        return self.product(value, self.evaluate(e))
 
     def constant(self, e: Expression) -> V:
         """The value of an expression without variables."""
         terms = (
-            reduce(self.product, (self._power(power) for power in of), self.number(c)) for of, c in e.terms
+            reduce(self.product, (self._evaluate_power(power) for power in powers), self.number(c))
+            for powers, c in e.terms
         )
         return reduce(add, terms, self.number(Fraction(0)))
 
-    def of(self, e: Expression) -> V:
-        return self._kept(e, self._total if e.variables else self.constant)
+    def evaluate(self, e: Expression) -> V:
+        """The value of an expression."""
+        return self._compute_once(e, self._evaluate_sum if e.variables else self.constant)
 
-    def _total(self, e: Expression) -> V:
-        fixed, varying = e.split
-        parts = [self._term(times, of) for times, of in varying]
-        return reduce(add, [*parts, self.of(fixed)] if fixed.terms else parts)
+    def _evaluate_sum(self, e: Expression) -> V:
+        """The sum of the terms with variables, and of those without as one constant."""
+        fixed, varying = e.terms_by_variables
+        terms = [self._evaluate_term(times, powers) for times, powers in varying]
+        return reduce(add, [*terms, self.evaluate(fixed)] if fixed.terms else terms)
 
-    def _term(self, times: Expression, of: Sequence[Power]) -> V:
-        value = reduce(self.product, (self._power(power) for power in of))
+    def _evaluate_term(self, times: Expression, powers: Sequence[Power]) -> V:
+        value = reduce(self.product, (self._evaluate_power(power) for power in powers))
         return value if times.rational == 1 else self.times(value, times)
 
-    def _power(self, power: Power) -> V:
-        return self._kept(power, self._raised)
+    def _evaluate_power(self, power: Power) -> V:
+        return self._compute_once(power, self._compute_power)
 
-    def _raised(self, power: Power) -> V:
+    def _compute_power(self, power: Power) -> V:
+        """The value of base^k; of base^1 that of the base, so that all powers of one base share it."""
         base, k = power
         if k != 1:
-            return self.power(self._power((base, Fraction(1))), k)
+            return self.power(self._evaluate_power((base, Fraction(1))), k)
         if isinstance(base, Expression):
-            return self.of(base)
-        return self.known[base] if base in self.known else self.function(base)
+            return self.evaluate(base)
+        return self.values[base] if base in self.values else self.function(base)
 
-    def _kept(self, part: Any, read: Any) -> V:
-        if part in self.kept:
-            return self.kept[part]
-        value = read(part)
-        if self.count.get(part, 0) > 1:
-            self.kept[part] = value
+    def _compute_once(self, subexpression: Any, compute: Any) -> V:
+        """The value by `compute`, which is kept if the subexpression occurs more than once."""
+        if subexpression in self.cache:
+            return self.cache[subexpression]
+        value = compute(subexpression)
+        if self.counts.get(subexpression, 0) > 1:
+            self.cache[subexpression] = value
         return value

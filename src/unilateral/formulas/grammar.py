@@ -11,9 +11,9 @@ from fractions import Fraction
 from itertools import accumulate
 from typing import NamedTuple
 
-from unilateral.errors import InputError, shown
-from unilateral.formulas.exact_numbers import apply, rounded, sign
-from unilateral.formulas.expression import ZERO, Expression, hides_kink, number, variable
+from unilateral.errors import InputError, quote_input
+from unilateral.formulas.exact_numbers import apply_function, as_float, sign
+from unilateral.formulas.expression import ZERO, Expression, hides_kink, rational_expression, variable
 
 MAX_LENGTH = 2000
 MAX_NESTING = 30
@@ -31,55 +31,59 @@ MAX_DENOMINATOR = 20
 MAX_BITS = 1000
 """Numerators and denominators may have this many bits; then they are finite in floating point."""
 
-FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sinh", "cosh", "tanh"), 1)
+FUNCTION_ARITIES = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sinh", "cosh", "tanh"), 1)
 """The functions of formulas, each with the number of its arguments."""
-OFFERED = ", ".join(name for name in FUNCTIONS if name not in ("log", "sqrt"))
+OFFERED_FUNCTIONS = ", ".join(name for name in FUNCTION_ARITIES if name not in ("log", "sqrt"))
 """The functions that messages offer: formulas may have those two of numbers, not of x, y or t."""
-NO_POWER, KINK, JUMP = -1, 1, 0
+NO_POWER = -1
+KINK_POWER = 1
+JUMP_POWER = 0
 """The least power of pos that a hint needs: none, that of a kink, that of a jump."""
-INSTEAD = {
-    "abs": (KINK, "pos(a, 1) + pos(-a, 1) for abs(a)"),
-    "max": (KINK, "b + pos(a - b, 1) for max(a, b)"),
-    "min": (KINK, "a - pos(a - b, 1) for min(a, b)"),
-    "sign": (JUMP, "2*pos(a, 0) - 1 for sign(a)"),
-    "where": (JUMP, "b + (a - b)*pos(c, 0) for where(c > 0, a, b)"),
+FUNCTION_SUBSTITUTES = {
+    "abs": (KINK_POWER, "pos(a, 1) + pos(-a, 1) for abs(a)"),
+    "max": (KINK_POWER, "b + pos(a - b, 1) for max(a, b)"),
+    "min": (KINK_POWER, "a - pos(a - b, 1) for min(a, b)"),
+    "sign": (JUMP_POWER, "2*pos(a, 0) - 1 for sign(a)"),
+    "where": (JUMP_POWER, "b + (a - b)*pos(c, 0) for where(c > 0, a, b)"),
     "ln": (NO_POWER, "log(a) for ln(a), where a is a number"),
     "log10": (NO_POWER, "log(a)/log(10) for log10(a), where a is a number"),
     "tan": (NO_POWER, "sin(a)/cos(a) for tan(a)"),
     "pow": (NO_POWER, "a**k for pow(a, k)"),
     "cbrt": (NO_POWER, "a**(1/3) for cbrt(a)"),
 } | dict.fromkeys(
-    ("heaviside", "Heaviside", "step"), (JUMP, "pos(a, 0), which is 1 where a > 0 and 0 elsewhere")
+    ("heaviside", "Heaviside", "step"), (JUMP_POWER, "pos(a, 0), which is 1 where a > 0 and 0 elsewhere")
 )
 """What to write in place of functions that people try, and the least power of pos in it."""
 NO_LOG = "log is allowed for numbers only, such as log(2)"
 NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
 NO_CONDITION = "there are no conditions in formulas"
 NO_UNITS = "; units are not read; write numbers alone, in one system of units such as N and m"
-UNITS = (
+UNIT_NAMES = (
     *("m", "mm", "cm", "km", "s", "kg", "g", "t", "N", "kN", "MN", "Nm", "J", "Pa", "kPa", "MPa", "GPa"),
     *("bar", "inch", "ft", "lb", "lbf", "psi", "rad", "deg"),
 )
 """Names of units that people try. One beside a number, as in 600mm, need not be listed."""
-LETTERS = {
+LETTER_SUBSTITUTES = {
     **{"π": "pi", "²": "**2", "³": "**3", "√": "sqrt"},
     **{"·": "*", "×": "*", "÷": "/", "−": "-", "–": "-"},
 }
 """What to write for letters that formulas do not have."""
-MODULES = ("np", "numpy", "math", "sympy", "sp", "ufl")
+MODULE_PREFIXES = ("np", "numpy", "math", "sympy", "sp", "ufl")
 """What people write, with a point, before names that need nothing there."""
-CONDITION = re.compile(r"[<>]|\bif\b")
-COMMA = re.compile(r"(?<![\w.])(\d+),(\d+)")
+CONDITION_PATTERN = re.compile(r"[<>]|\bif\b")
+COMMA_PATTERN = re.compile(r"(?<![\w.])(\d+),(\d+)")
 """A number with a decimal comma."""
-THOUSANDS = re.compile(r"(?<![\w.,])[1-9]\d{0,2}(?:,\d{3})+(?![\d,])(\.\d*)?")
+THOUSANDS_PATTERN = re.compile(r"(?<![\w.,])[1-9]\d{0,2}(?:,\d{3})+(?![\d,])(\.\d*)?")
 """A number whose thousands are set off by commas; it has decimals or not."""
-PERCENT = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*%")
-UNFINISHED = re.compile(r"(?<![\w.])\d+(?:\.\d*)?[eE](?![\w.]|[-+]\w)")
+PERCENT_PATTERN = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*%")
+UNFINISHED_EXPONENT = re.compile(r"(?<![\w.])\d+(?:\.\d*)?[eE](?![\w.]|[-+]\w)")
 """A power of ten without its exponent, such as 1e."""
 LEADING_ZEROS = re.compile(r"(?<![\w.])0+([1-9]\d*)(?![\w.])")
-FACTOR = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()")
+MISSING_PRODUCT_SIGN = re.compile(
+    r"(?<![\w.])(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()"
+)
 """A number and what it multiplies without a sign, such as 2x."""
-HALF = Fraction(1, 2)
+ONE_HALF = Fraction(1, 2)
 OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,
@@ -87,61 +91,69 @@ OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
     ast.Div: lambda a, b: a / b,
     ast.Pow: lambda a, b: a ** (b.rational or 0),
 }
-COUNTED = (ast.BinOp, ast.UnaryOp, ast.Call)
+COUNTED_OPERATIONS = (ast.BinOp, ast.UnaryOp, ast.Call)
 
 
-class FormulaPart(NamedTuple):
+class ParsedFormula(NamedTuple):
     """The value of a part of a formula, an upper bound on its degree, and how deep functions nest in it."""
 
     value: Expression
     degree: float = 0.0
-    functions: int = 0
+    function_depth: int = 0
 
 
-def tree(source: str, where: str) -> ast.expr:
+def parse_syntax_tree(source: str, where: str) -> ast.expr:
     """The syntax tree of a formula.
 
     Raises InputError beyond a limit, and SyntaxError, ValueError, RecursionError or MemoryError, as Python's
     parser does, where there is no tree.
     """
+    # Python's parser is slow or fails on what is very long or nested: limits are looked at before it runs
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
-    _check(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
-    _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} nested parentheses")
+    _check_limit(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
+    _check_limit(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} nested parentheses")
     body = ast.parse(source, mode="eval").body
-    operations = sum(isinstance(node, COUNTED) for node in ast.walk(body))
-    _check(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
+    operations = sum(isinstance(node, COUNTED_OPERATIONS) for node in ast.walk(body))
+    _check_limit(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
     return body
 
 
-def _check(size: int, limit: int, message: str) -> None:
+def _check_limit(size: int, limit: int, message: str) -> None:
     if size > limit:
         raise InputError(message.format(limit))
 
 
-class Reader(ast.NodeVisitor):
-    """Makes a `FormulaPart` of a syntax tree; raises InputError for what the grammar does not have."""
+class FormulaReader(ast.NodeVisitor):
+    """Makes a `ParsedFormula` of a syntax tree; raises InputError for what the grammar does not have."""
 
     def __init__(
-        self, source: str, variables: Iterable[str], where: str, least_power: int | None = JUMP
+        self, source: str, variables: Iterable[str], where: str, least_power: int | None = JUMP_POWER
     ) -> None:
         """`least_power` is the least power of pos that the place allows, None for a place without pos."""
-        self.source, self.where, self.least_power = source, where, least_power
-        self.names = {name: FormulaPart(variable(name), 1.0) for name in variables}
-        self.names["pi"] = FormulaPart(variable("pi"))
+        self.source = source
+        self.where = where
+        self.least_power = least_power
+        self.names = {name: ParsedFormula(variable(name), 1.0) for name in variables}
+        self.names["pi"] = ParsedFormula(variable("pi"))
 
     def refuse(self, node: ast.AST, why: str) -> InputError:
-        return InputError(f"{self.where}: '{shown(self.text(node))}' {why}")
+        """The InputError that a node of the tree is not allowed, with the reason."""
+        return InputError(f"{self.where}: '{quote_input(self.text(node))}' {why}")
 
     def text(self, node: ast.AST) -> str:
+        """The text of a node of the tree."""
         return ast.get_source_segment(self.source, node) or self.source
 
-    def checked(
+    def check_value(
         self, node: ast.AST, value: Callable[[], Expression], degree: float = 0.0, functions: int = 0
-    ) -> FormulaPart:
+    ) -> ParsedFormula:
         """The value of a node; its size is bounded here, so that the next operation ends soon."""
         try:
             result = value()
-            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in _numbers(result)):
+            if any(
+                max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS
+                for n in _coefficients_and_exponents(result)
+            ):
                 raise self.refuse(node, "has a number that is too large or too small")
             finite = is_finite_and_real(result)
             if not result.variables and finite and sign(result) == 0:
@@ -152,121 +164,142 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, "cannot be distinguished from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
-        return FormulaPart(result, degree, functions if result.variables else 0)
+        return ParsedFormula(result, degree, functions if result.variables else 0)
 
-    def generic_visit(self, node: ast.AST) -> FormulaPart:
+    def generic_visit(self, node: ast.AST) -> ParsedFormula:
+        """Raises InputError for a node that the grammar does not have."""
         raise self.refuse(node, "is not allowed in a formula")
 
-    def visit_Compare(self, node: ast.AST) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{condition(self.names, self.least_power)}")
+    def visit_Compare(self, node: ast.AST) -> ParsedFormula:
+        """Raises InputError for a condition, with what to write instead."""
+        raise self.refuse(node, f"is not allowed in a formula{condition_hint(self.names, self.least_power)}")
 
     visit_IfExp = visit_Compare
 
-    def visit_Attribute(self, node: ast.Attribute) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{self.bare(node)}")
+    def visit_Attribute(self, node: ast.Attribute) -> ParsedFormula:
+        """Raises InputError for a name with a point, with the hint to leave out a module."""
+        raise self.refuse(node, f"is not allowed in a formula{self.module_hint(node)}")
 
-    def visit_Subscript(self, node: ast.Subscript) -> FormulaPart:
-        point = shown(self.text(node.value))
+    def visit_Subscript(self, node: ast.Subscript) -> ParsedFormula:
+        """Raises InputError for an index, with the hint to write x and y, or numbers without units."""
+        point = quote_input(self.text(node.value))
         hint = f"; write x for {point}[0] and y for {point}[1]" if {"x", "y"} <= {*self.names} else ""
         hint = NO_UNITS if isinstance(node.value, ast.Constant) else hint
         raise self.refuse(node, f"is not allowed in a formula{hint}")
 
-    def bare(self, node: ast.expr) -> str:
+    def module_hint(self, node: ast.expr) -> str:
         """The hint to leave out the module before a name such as np.sin."""
-        if not isinstance(node, ast.Attribute) or self.text(node.value) not in MODULES:
+        if not isinstance(node, ast.Attribute) or self.text(node.value) not in MODULE_PREFIXES:
             return ""
-        return write(node.attr, self.text(node)) if node.attr in (*self.names, *FUNCTIONS) else ""
+        return (
+            substitution_hint(node.attr, self.text(node))
+            if node.attr in (*self.names, *FUNCTION_ARITIES)
+            else ""
+        )
 
-    def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
+    def visit_Tuple(self, node: ast.Tuple) -> ParsedFormula:
+        """Raises InputError for a comma, with the hint to write a point."""
+        raise self.refuse(node, f"is not allowed in a formula{comma_hint(self.text(node))}")
 
-    def visit_Constant(self, node: ast.Constant) -> FormulaPart:
+    def visit_Constant(self, node: ast.Constant) -> ParsedFormula:
+        """The exact value of a decimal number."""
         try:
             value = Decimal(self.text(node))
         except InvalidOperation:
             raise self.refuse(node, "is not a decimal number") from None
         if abs(value.adjusted()) > MAX_BITS:
             raise self.refuse(node, "has a number that is too large or too small")
-        return self.checked(node, lambda: number(Fraction(value)))
+        return self.check_value(node, lambda: rational_expression(Fraction(value)))
 
-    def visit_Name(self, node: ast.Name) -> FormulaPart:
-        if node.id in FUNCTIONS:
-            argument = "(a, k)" if FUNCTIONS[node.id] > 1 else "(a)"
+    def visit_Name(self, node: ast.Name) -> ParsedFormula:
+        """The variable, constant or pi of that name."""
+        if node.id in FUNCTION_ARITIES:
+            argument = "(a, k)" if FUNCTION_ARITIES[node.id] > 1 else "(a)"
             raise self.refuse(node, f"is a function; write its argument after it, as in {node.id}{argument}")
         if node.id not in self.names:
-            instead = named(node.id, self.names)
-            known = f"; known are {', '.join(self.names)}, {OFFERED}"
-            raise self.refuse(node, f"is unknown{instead or known}")
+            instead = name_hint(node.id, self.names)
+            choices = f"; known are {', '.join(self.names)}, {OFFERED_FUNCTIONS}"
+            raise self.refuse(node, f"is unknown{instead or choices}")
         return self.names[node.id]
 
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> FormulaPart:
+    def visit_UnaryOp(self, node: ast.UnaryOp) -> ParsedFormula:
+        """A formula with its sign."""
         if not isinstance(node.op, ast.USub | ast.UAdd):
             raise self.refuse(node, "is not allowed in a formula")
         operand = self.visit(node.operand)
         return operand._replace(value=-operand.value) if isinstance(node.op, ast.USub) else operand
 
-    def visit_BinOp(self, node: ast.BinOp) -> FormulaPart:
+    def visit_BinOp(self, node: ast.BinOp) -> ParsedFormula:
         """Follows a chain such as a + b + c by a loop; it may be longer than Python's recursion is deep."""
         chain = [node]
         while isinstance(chain[-1].left, ast.BinOp):
             chain.append(chain[-1].left)
-        part: FormulaPart = self.visit(chain[-1].left)
-        for each in reversed(chain):
-            part = self.combined(each, part, self.visit(each.right))
-        return part
+        result: ParsedFormula = self.visit(chain[-1].left)
+        for operation in reversed(chain):
+            result = self.combine(operation, result, self.visit(operation.right))
+        return result
 
-    def combined(self, node: ast.BinOp, left: FormulaPart, right: FormulaPart) -> FormulaPart:
+    def combine(self, node: ast.BinOp, a: ParsedFormula, b: ParsedFormula) -> ParsedFormula:
         """The part of a formula that an operator makes of two."""
         if type(node.op) not in OPERATORS:
             text = self.text(node)
-            power = write(text.replace("^", "**"), text) if "^" in text else ""
+            power = substitution_hint(text.replace("^", "**"), text) if "^" in text else ""
             raise self.refuse(node, f"uses an operator other than + - * / **{power}")
-        degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
+        degree = max(a.degree, b.degree)
+        functions = max(a.function_depth, b.function_depth)
         if isinstance(node.op, ast.Pow):
-            k = right.value.rational
+            k = b.value.rational
             if k is None or abs(k) > MAX_DEGREE:
                 raise self.refuse(node, f"needs a rational exponent between -{MAX_DEGREE} and {MAX_DEGREE}")
-            self.check_kink(node, left.value, k)
-            degree, functions = left.degree * abs(float(k)), functions + (k.denominator > 1)
+            self.check_kink(node, a.value, k)
+            # k may be below 0: the degree bounds the work of multiplying out numerator and denominator
+            degree = a.degree * abs(float(k))
+            functions = functions + (k.denominator > 1)
         elif isinstance(node.op, ast.Mult | ast.Div):
-            degree = left.degree + right.degree
+            degree = a.degree + b.degree
         self.check_limits(node, degree, functions)
         operator = OPERATORS[type(node.op)]
-        return self.checked(node, lambda: operator(left.value, right.value), degree, functions)
+        return self.check_value(node, lambda: operator(a.value, b.value), degree, functions)
 
-    def visit_Call(self, node: ast.Call) -> FormulaPart:
-        if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
-            raise self.not_called(node, self.text(node.func))
-        function, arity = node.func.id, FUNCTIONS[node.func.id]
+    def visit_Call(self, node: ast.Call) -> ParsedFormula:
+        """The value of a function of the grammar."""
+        if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTION_ARITIES or node.keywords:
+            raise self.refuse_call(node, self.text(node.func))
+        function = node.func.id
+        arity = FUNCTION_ARITIES[node.func.id]
         if len(node.args) != arity:
-            mended = comma(self.text(node)) if len(node.args) > arity else ""
-            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{mended}")
+            hint = comma_hint(self.text(node)) if len(node.args) > arity else ""
+            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{hint}")
         arguments = [self.visit(argument) for argument in node.args]
-        values, degree = [part.value for part in arguments], arguments[0].degree
+        values = [argument.value for argument in arguments]
+        degree = arguments[0].degree
         if function == "pos":
-            degree *= self.checked_power(node, *arguments)
-        functions = 1 + arguments[0].functions
+            degree *= self.check_power(node, *arguments)
+        functions = 1 + arguments[0].function_depth
         self.check_limits(node, degree, functions)
         if function == "sqrt":
-            self.check_kink(node, values[0], HALF)
-            return self.checked(node, lambda: values[0] ** HALF, degree, functions)
-        return self.checked(node, lambda: apply(function, *values), degree, functions)
+            self.check_kink(node, values[0], ONE_HALF)
+            return self.check_value(node, lambda: values[0] ** ONE_HALF, degree, functions)
+        return self.check_value(node, lambda: apply_function(function, *values), degree, functions)
 
-    def not_called(self, node: ast.Call, name: str) -> InputError:
+    def refuse_call(self, node: ast.Call, name: str) -> InputError:
         """The refusal of a call of what is no function; it may have been meant as a factor."""
         if isinstance(node.func, ast.Constant) or name in self.names:
-            factors = shown(f"{name}*{self.text(node).removeprefix(name).strip()}")
+            factors = quote_input(f"{name}*{self.text(node).removeprefix(name).strip()}")
             return self.refuse(node, f"is not a product; write {factors}")
-        least_power, instead = INSTEAD.get(name, (NO_POWER, ""))
+        least_power, instead = FUNCTION_SUBSTITUTES.get(name, (NO_POWER, ""))
         lower = name.lower()
         if least_power != NO_POWER and (self.least_power is None or least_power < self.least_power):
-            return self.refuse(node, f"is not a known function{positive_part(self.names, self.least_power)}")
-        if not instead and lower in FUNCTIONS and not node.keywords:
+            return self.refuse(
+                node, f"is not a known function{positive_part_hint(self.names, self.least_power)}"
+            )
+        if not instead and lower in FUNCTION_ARITIES and not node.keywords:
             instead = f"{lower} for {name}"
-        hint = f"; write {instead}" if instead else self.bare(node.func)
-        return self.refuse(node, f"is not a known function{hint or f'; known are {OFFERED}'}")
+        hint = f"; write {instead}" if instead else self.module_hint(node.func)
+        return self.refuse(node, f"is not a known function{hint or f'; known are {OFFERED_FUNCTIONS}'}")
 
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
+        """Raises InputError for a degree or a nesting of functions beyond the limits."""
         if degree > MAX_DEGREE:
             raise self.refuse(
                 node, f"has the degree {degree:g} when multiplied out; at most {MAX_DEGREE} is allowed"
@@ -275,10 +308,11 @@ class Reader(ast.NodeVisitor):
             raise self.refuse(node, f"has more than {MAX_FUNCTIONS} nested functions")
 
     def check_kink(self, node: ast.AST, base: Expression, k: Fraction) -> None:
+        """Raises InputError for a power that is one of an absolute value, such as (x^2)^(1/2)."""
         if hides_kink(base, k):
             raise self.refuse(node, "has a kink; write pos(a, 1) + pos(-a, 1) for abs(a)")
 
-    def checked_power(self, node: ast.AST, argument: FormulaPart, power: FormulaPart) -> float:
+    def check_power(self, node: ast.AST, argument: ParsedFormula, power: ParsedFormula) -> float:
         """The power k of pos(a, k), which has to be a number within the limits."""
         k = power.value.rational
         if k is None or not (0 <= k <= MAX_DEGREE and k.denominator <= MAX_DENOMINATOR):
@@ -295,74 +329,79 @@ def is_finite_and_real(value: Expression) -> bool:
     Raises ValueError for a number that cannot be distinguished from 0.
     """
     try:
-        return bool(value.variables) or math.isfinite(rounded(value))
+        return bool(value.variables) or math.isfinite(as_float(value))
     except ArithmeticError:
         return False
 
 
-def _numbers(e: Expression) -> Iterable[Fraction]:
+def _coefficients_and_exponents(e: Expression) -> Iterable[Fraction]:
     """The coefficients and exponents of its terms."""
-    return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]
+    return [*(c for _, c in e.terms), *(k for powers, _ in e.terms for _, k in powers)]
 
 
-def condition(names: Iterable[str], least_power: int | None) -> str:
-    """What to write in place of a condition, after a semicolon; see `Reader` for `least_power`."""
-    return f"; {NO_CONDITION}{positive_part(names, least_power)}"
+def condition_hint(names: Iterable[str], least_power: int | None) -> str:
+    """The hint that there are no conditions, and what to write instead, after a semicolon."""
+    return f"; {NO_CONDITION}{positive_part_hint(names, least_power)}"
 
 
-def positive_part(names: Iterable[str], least_power: int | None) -> str:
-    """What pos is with the least power of a place, after a semicolon; nothing for a place without pos."""
+def positive_part_hint(names: Iterable[str], least_power: int | None) -> str:
+    """How pos acts with the least power that a place allows, after a semicolon; "" for one without pos."""
     variable = next((name for name in names if name != "pi"), None)
     if least_power is None or variable is None:
         return ""
-    if least_power == JUMP:
+    if least_power == JUMP_POWER:
         example = f"such as pos({variable} - 1/2, 0) for {variable} > 1/2"
         return f"; pos(a, 0) is 1 where a > 0 and 0 elsewhere, {example}"
-    power = "a" if least_power == KINK else f"a**{least_power}"
+    power = "a" if least_power == KINK_POWER else f"a**{least_power}"
     return f"; pos(a, {least_power}) is {power} where a > 0 and 0 elsewhere; jumps are not allowed here"
 
 
-def named(name: str, known: Iterable[str]) -> str:
-    """What to write for an unknown name, after a semicolon; nothing where that cannot be guessed."""
-    if name in UNITS:
+def name_hint(name: str, allowed: Iterable[str]) -> str:
+    """The hint what to write for an unknown name, after a semicolon; "" where that cannot be guessed."""
+    if name in UNIT_NAMES:
         return NO_UNITS
     if name in ("e", "E"):
-        return write("exp(1)", name)
-    instead = LETTERS.get(name, name.lower())
-    return write(instead, name) if instead in (*known, *FUNCTIONS) and instead != name else ""
+        return substitution_hint("exp(1)", name)
+    instead = LETTER_SUBSTITUTES.get(name, name.lower())
+    return (
+        substitution_hint(instead, name)
+        if instead in (*allowed, *FUNCTION_ARITIES) and instead != name
+        else ""
+    )
 
 
-def write(instead: str, given: str) -> str:
+def substitution_hint(replacement: str, original: str) -> str:
     """The hint to write something else, after a semicolon; both texts are cut if they are long."""
-    return f"; write {shown(instead)} for {shown(given)}"
+    return f"; write {quote_input(replacement)} for {quote_input(original)}"
 
 
-def hint(source: str, names: Sequence[str], least_power: int | None) -> str:
+def syntax_hint(source: str, names: Sequence[str], least_power: int | None) -> str:
     """How to mend what Python's parser refused, after a semicolon; nothing where that cannot be guessed."""
-    if CONDITION.search(source):
-        return condition(names, least_power)
-    if letter := next((letter for letter in source if letter in LETTERS), ""):
-        return write(LETTERS[letter], letter)
-    if part := PERCENT.search(source):
-        return write(f"{part[1]}/100", part[0])
-    if UNFINISHED.search(source):
+    if CONDITION_PATTERN.search(source):
+        return condition_hint(names, least_power)
+    if letter := next((letter for letter in source if letter in LETTER_SUBSTITUTES), ""):
+        return substitution_hint(LETTER_SUBSTITUTES[letter], letter)
+    if percent := PERCENT_PATTERN.search(source):
+        return substitution_hint(f"{percent[1]}/100", percent[0])
+    if UNFINISHED_EXPONENT.search(source):
         return "; write the exponent of a power of ten, such as 1e-3, and exp(1) for the number e"
-    if product := FACTOR.search(source):
-        if product[2] in (*names, "pi", *FUNCTIONS, "("):
-            return write(f"{product[1]}*{product[2]}", product[0])
+    if product := MISSING_PRODUCT_SIGN.search(source):
+        if product[2] in (*names, "pi", *FUNCTION_ARITIES, "("):
+            return substitution_hint(f"{product[1]}*{product[2]}", product[0])
         if {*product[2]} <= {*names}:
-            return write("*".join((product[1], *product[2])), product[0])
+            return substitution_hint("*".join((product[1], *product[2])), product[0])
         return "" if product[2] in ("x", "y", "z") else NO_UNITS
     if zeros := LEADING_ZEROS.search(source):
-        return comma(source) or write(zeros[1], zeros[0])
-    return comma(source)
+        return comma_hint(source) or substitution_hint(zeros[1], zeros[0])
+    return comma_hint(source)
 
 
-def comma(source: str) -> str:
-    """What to write in place of a comma in a number, if there may be one: of decimals or of thousands."""
-    if thousands := THOUSANDS.search(source):
-        whole, decimals = thousands[0].replace(",", ""), thousands[0].replace(",", ".")
+def comma_hint(source: str) -> str:
+    """How to write a number that has a comma, of decimals or of thousands; "" where there is none."""
+    if thousands := THOUSANDS_PATTERN.search(source):
+        integer = thousands[0].replace(",", "")
+        decimals = thousands[0].replace(",", ".")
         clear = thousands[1] or thousands[0].count(",") > 1
-        return write(whole if clear else f"{whole} or {decimals}", thousands[0])
-    pair = COMMA.search(source)
-    return write(f"{pair[1]}.{pair[2]}", pair[0]) if pair else ""
+        return substitution_hint(integer if clear else f"{integer} or {decimals}", thousands[0])
+    pair = COMMA_PATTERN.search(source)
+    return substitution_hint(f"{pair[1]}.{pair[2]}", pair[0]) if pair else ""

@@ -18,12 +18,14 @@ def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
 
     The highest power's coefficient comes first, and is not 0.
     """
-    roots, polynomial = [], [*coefficients]
+    roots = []
+    polynomial = [*coefficients]
     while polynomial[-1] == 0:
-        roots, polynomial = [0.0], polynomial[:-1]
+        roots = [0.0]
+        polynomial = polynomial[:-1]
     degree = len(polynomial) - 1
     # Fujiwara: no root is larger than 2 max |c_i / c_0|^(1 / i); so those of p(scale x) are in (-1, 1]
-    bits = [_bits_of(c / polynomial[0]) / i for i, c in enumerate(polynomial) if i and c]
+    bits = [_log2_bound(c / polynomial[0]) / i for i, c in enumerate(polynomial) if i and c]
     scale = Fraction(2) ** (1 + ceil(max(bits, default=0)))
     chain = _sturm_chain([c * scale ** (degree - i) for i, c in enumerate(polynomial)])
     # (n, k) is the interval from n / 2^k, without it, to (n + 1) / 2^k
@@ -33,14 +35,15 @@ def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
         # Sturm: the number of roots in an interval is that of the sign changes that are lost
         if _sign_changes(chain, n, k) == _sign_changes(chain, n + 1, k):
             continue
+        # n of more than ROOT_BITS bits: both ends agree in so many; the upper one may be the root
         if abs(n) >> ROOT_BITS:
-            roots.append(_nearest(scale * Fraction(n + 1, 1 << k)))
+            roots.append(_float_or_inf(scale * Fraction(n + 1, 1 << k)))
         else:
             intervals += [(2 * n, k + 1), (2 * n + 1, k + 1)]
     return sorted(roots)
 
 
-def _bits_of(x: Fraction) -> int:
+def _log2_bound(x: Fraction) -> int:
     """A whole number above log2 |x|."""
     return x.numerator.bit_length() - x.denominator.bit_length() + 1
 
@@ -51,28 +54,30 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
     So multiple roots become simple, and the theorem holds at every place. Positive factors, which change no
     sign, make the coefficients whole.
     """
+    # p_0 = p, p_1 = p', p_(i + 1) = -(p_(i - 1) mod p_i), up to positive factors
     degree = len(polynomial) - 1
     chain = [polynomial, [c * (degree - i) for i, c in enumerate(polynomial[:-1])]]
     while chain[-1]:
-        remainder = _divide(chain[-2], chain[-1])[1]
+        remainder = _divide_polynomials(chain[-2], chain[-1])[1]
         chain.append([-c / abs(remainder[0]) for c in remainder])
-    quotients = [_divide(p, chain[-2])[0] for p in chain[:-1]]
+    quotients = [_divide_polynomials(p, chain[-2])[0] for p in chain[:-1]]
     multiples = [lcm(*(c.denominator for c in p)) for p in quotients]
     return [[int(c * m) for c in p] for p, m in zip(quotients, multiples, strict=True)]
 
 
-def _divide(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
+def _divide_polynomials(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
     """The quotient and the remainder."""
-    quotient, rest = [], [*dividend]
-    while len(rest) >= len(divisor):
-        factor = rest[0] / divisor[0]
+    quotient = []
+    remainder = [*dividend]
+    while len(remainder) >= len(divisor):
+        factor = remainder[0] / divisor[0]
         quotient.append(factor)
         for i, c in enumerate(divisor):
-            rest[i] -= factor * c
-        rest = rest[1:]
-    while rest and rest[0] == 0:
-        rest = rest[1:]
-    return quotient, rest
+            remainder[i] -= factor * c
+        remainder = remainder[1:]
+    while remainder and remainder[0] == 0:
+        remainder = remainder[1:]
+    return quotient, remainder
 
 
 def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:
@@ -86,7 +91,8 @@ def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:
     return sum(a != b for a, b in pairwise(positive))
 
 
-def _nearest(x: Fraction) -> float:
+def _float_or_inf(x: Fraction) -> float:
+    """The number rounded, infinite with its sign if it is too large."""
     try:
         return float(x)
     except OverflowError:

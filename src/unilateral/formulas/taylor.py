@@ -7,8 +7,8 @@ On box j the variables are affine functions of sigma in [-1, 1]^d. A model says 
 with |alpha| <= n (Makino and Berz, 2003). `rad` includes rounding, and the range is rounded outward. A
 polynomial that is not sharper than the range is replaced by the range's midpoint, and so is one that
 overflows. Therefore a model has only a range at kinks and singularities. EPS is twice a bound on the
-rounding of one operation, and TINY is added wherever numbers may underflow. Coefficients are finite, and
-`rad` is infinite where nothing is known (`settled`).
+rounding of one operation; UNDERFLOW_ALLOWANCE is added wherever numbers may underflow. Coefficients are
+finite, and `rad` is infinite where nothing is known (`tighten_model`).
 """
 
 from __future__ import annotations
@@ -24,229 +24,278 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas import interval
-from unilateral.formulas.interval import QUIET, Interval
+from unilateral.formulas.interval import QUIET, IntervalArrays
 
 EPS = 2.0**-52
-TINY = 1e-300
+UNDERFLOW_ALLOWANCE = 1e-300
 """More than all that underflows in the operations that make a coefficient, each at most 2^-1022."""
-OF_FUNCTIONS = 8 * EPS
+FUNCTION_COEFFICIENT_ERROR = 8 * EPS
 """The relative error of a Taylor coefficient of a function."""
 
 
-class Basis(NamedTuple):
-    """The monomials up to degree n, in the order of their `degree` (m,), with their `exponents` (m, d).
+class MonomialBasis(NamedTuple):
+    """The monomials up to degree n, in the order of their `degrees` (m,), with their `exponents` (m, d).
 
-    `first` (n + 2,) is where each degree begins. For each monomial `times` has those whose product with it
-    is of degree at most n, and the numbers of these products, both as slices of neighbours.
+    `degree_starts` (n + 2,) is where each degree begins. For each monomial `product_slices` has those whose
+    product with it is of degree at most n, and the numbers of these products, both as slices of neighbours.
     """
 
     exponents: Index
-    degree: Index
-    first: Index
-    times: tuple[tuple[tuple[slice, slice], ...], ...]
+    degrees: Index
+    degree_starts: Index
+    product_slices: tuple[tuple[tuple[slice, slice], ...], ...]
 
     @property
     def order(self) -> int:
-        return len(self.first) - 2
+        """The highest degree n."""
+        return len(self.degree_starts) - 2
 
 
 @cache
-def basis(d: int, n: int) -> Basis:
+def monomial_basis(d: int, n: int) -> MonomialBasis:
     """The basis for d variables up to degree n."""
     alphas = sorted((a for a in cartesian(range(n + 1), repeat=d) if sum(a) <= n), key=lambda a: (sum(a), a))
     exponents = np.array(alphas, dtype=np.intp)
-    degree, place = exponents.sum(axis=1), {a: i for i, a in enumerate(alphas)}
+    degree = exponents.sum(axis=1)
+    place = {a: i for i, a in enumerate(alphas)}
     first = np.searchsorted(degree, np.arange(n + 2))
+    # sigma^a sigma^b = sigma^(a + b) for all b of degree at most n - |a|, which come first
     times = []
     for a in alphas:
         sums = exponents[: first[n - sum(a) + 1]] + np.array(a)
-        times.append(_runs(np.array([place[tuple(b)] for b in sums.tolist()])))
-    return Basis(exponents, degree, first, tuple(times))
+        times.append(_runs_of_neighbours(np.array([place[tuple(b)] for b in sums.tolist()])))
+    return MonomialBasis(exponents, degree, first, tuple(times))
 
 
-def _runs(places: Index) -> tuple[tuple[slice, slice], ...]:
+def _runs_of_neighbours(places: Index) -> tuple[tuple[slice, slice], ...]:
     """Slices of the indices 0, 1, ... and of their places (k,), cut where a place is not the next one."""
     cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
     return tuple(
-        (slice(i, j), slice(at, at + j - i))
-        for (i, j), at in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
+        (slice(i, j), slice(place, place + j - i))
+        for (i, j), place in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class TaylorModel:
     """A model on k boxes: coefficients c (m, k), remainder rad (k,), and the range, two arrays (k,)."""
 
-    basis: Basis
+    basis: MonomialBasis
     c: Array
     rad: Array
-    range: Interval
+    range: IntervalArrays
 
     @QUIET
-    def __add__(self, other: Model) -> Model:
-        c = self.c + other.c
-        rad = self.rad + other.rad + EPS * (np.abs(self.c) + np.abs(other.c)).sum(axis=0)
-        return settled(self.basis, c, rad, interval.total(self.range, other.range))
+    def __add__(self, model: TaylorModel) -> TaylorModel:
+        # Remainders add, and each sum of two coefficients is rounded by EPS times both
+        c = self.c + model.c
+        rad = self.rad + model.rad + EPS * (np.abs(self.c) + np.abs(model.c)).sum(axis=0)
+        return tighten_model(self.basis, c, rad, interval.add_intervals(self.range, model.range))
 
-    def __mul__(self, other: Model) -> Model:
-        c, rad = _product(self.basis, (self.c, self.rad), (other.c, other.rad))
-        return settled(self.basis, c, rad, interval.product(self.range, other.range))
+    def __mul__(self, model: TaylorModel) -> TaylorModel:
+        c, rad = _multiply_models(self.basis, (self.c, self.rad), (model.c, model.rad))
+        return tighten_model(self.basis, c, rad, interval.multiply_intervals(self.range, model.range))
 
     @QUIET
-    def scaled(self, number: float) -> Model:
+    def scale(self, number: float) -> TaylorModel:
         """The model times a number that is rounded, and may be subnormal or infinite then."""
-        sizes, doubt = np.abs(self.c).sum(axis=0), 4 * EPS * abs(number) + TINY
-        rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
-        values = interval.product(self.range, interval.outward(np.array([number]), np.array([number])))
-        return settled(self.basis, number * self.c, rad, values)
+        # The number is off by EPS of itself, or by underflow, which counts all that it multiplies
+        sizes = np.abs(self.c).sum(axis=0)
+        number_error = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
+        rad = (1 + EPS) * abs(number) * self.rad + number_error * (sizes + self.rad)
+        values = interval.multiply_intervals(
+            self.range, interval.round_outward(np.array([number]), np.array([number]))
+        )
+        return tighten_model(self.basis, number * self.c, rad, values)
 
-    def on(self, boxes: Index | Mask) -> Model:
+    def select_boxes(self, boxes: Index | Mask) -> TaylorModel:
         """The model on some of the boxes, by a mask or an index."""
-        return Model(
+        return TaylorModel(
             self.basis, self.c[:, boxes], self.rad[boxes], (self.range[0][boxes], self.range[1][boxes])
         )
 
 
 @QUIET
-def affine(of: Basis, centre: Array, arms: Array, ends: Interval, rounding: float = 0.0) -> Model:
-    """centre (k,) + sum over i of arms (d, k) sigma_i, with the range `ends`.
+def affine_model(
+    basis: MonomialBasis, centre: Array, half_widths: Array, ends: IntervalArrays, rounding: float = 0.0
+) -> TaylorModel:
+    """The model of `centre` (k,) + sum over i of `half_widths` (d, k) times sigma_i, with the range `ends`.
 
     The remainder covers the rounding of these numbers and the further `rounding`.
     """
-    c = np.zeros((len(of.degree), len(centre)))
+    c = np.zeros((len(basis.degrees), len(centre)))
     c[0] = centre
-    c[of.first[1] : of.first[2]] = arms[::-1]  # of degree 1: (0, 1), (1, 0)
-    return settled(of, c, 4 * EPS * np.abs(c).sum(axis=0) + rounding + TINY, interval.outward(*ends))
+    c[basis.degree_starts[1] : basis.degree_starts[2]] = half_widths[::-1]  # of degree 1: (0, 1), (1, 0)
+    return tighten_model(
+        basis,
+        c,
+        4 * EPS * np.abs(c).sum(axis=0) + rounding + UNDERFLOW_ALLOWANCE,
+        interval.round_outward(*ends),
+    )
 
 
-def constant(of: Basis, values: Interval) -> Model:
+def range_model(basis: MonomialBasis, values: IntervalArrays) -> TaylorModel:
     """The model of a function of which only two bounds (k,) are known."""
-    known = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
-    c = np.zeros((len(of.degree), len(known[0])))
-    c[0], rad = _middle(known)
-    return Model(of, c, rad, known)
+    bounds = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
+    c = np.zeros((len(basis.degrees), len(bounds[0])))
+    c[0], rad = _midpoint_and_radius(bounds)
+    return TaylorModel(basis, c, rad, bounds)
 
 
-def number(like: Model, value: Array | float) -> Model:
+def number_model(model: TaylorModel, value: Array | float) -> TaylorModel:
     """The model of a rounded number, or of one per box (k,), on the boxes of another model."""
-    values = value + np.zeros_like(like.rad)
-    return constant(like.basis, interval.outward(values, values))
+    values = value + np.zeros_like(model.rad)
+    return range_model(model.basis, interval.round_outward(values, values))
 
 
-def joined(parts: Sequence[tuple[Model, Index]]) -> Model:
+def join_models(pieces: Sequence[tuple[TaylorModel, Index]]) -> TaylorModel:
     """One model of all boxes from those on parts of them, each with its index."""
-    models, places = zip(*parts, strict=True)
+    models, places = zip(*pieces, strict=True)
     order = np.argsort(np.concatenate(places))
-    arrays = zip(*((m.c, m.rad, *m.range) for m in models), strict=True)
-    c, rad, lower, upper = (np.concatenate(each, axis=-1)[..., order] for each in arrays)
-    return Model(models[0].basis, c, rad, (lower, upper))
+    c = np.concatenate([m.c for m in models], axis=1)[:, order]
+    rad = np.concatenate([m.rad for m in models])[order]
+    lower = np.concatenate([m.range[0] for m in models])[order]
+    upper = np.concatenate([m.range[1] for m in models])[order]
+    return TaylorModel(models[0].basis, c, rad, (lower, upper))
 
 
-def by_part(parts: Sequence[tuple[Callable[..., Model], Mask]], *arguments: Model) -> Model:
+def apply_on_subsets(
+    pieces: Sequence[tuple[Callable[..., TaylorModel], Mask]], *arguments: TaylorModel
+) -> TaylorModel:
     """Functions of models, each on its part of the boxes, and 0 on the rest."""
-    done, rest = [], np.ones(len(arguments[0].rad), dtype=bool)
-    for of, where in parts:
-        rest &= ~where
+    done = []
+    outside = np.ones(len(arguments[0].rad), dtype=bool)
+    for function, where in pieces:
+        outside &= ~where
         if where.all():
-            return of(*arguments)
+            return function(*arguments)
         if where.any():
-            done.append((of(*(argument.on(where) for argument in arguments)), np.flatnonzero(where)))
-    zero = number(arguments[0].on(rest), 0.0)
-    return joined([*done, (zero, np.flatnonzero(rest))])
+            done.append(
+                (function(*(argument.select_boxes(where) for argument in arguments)), np.flatnonzero(where))
+            )
+    zero = number_model(arguments[0].select_boxes(outside), 0.0)
+    return join_models([*done, (zero, np.flatnonzero(outside))])
 
 
 @QUIET
-def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
+def tighten_model(basis: MonomialBasis, c: Array, rad: Array, values: IntervalArrays) -> TaylorModel:
     """The model, its range cut to what the polynomial allows.
 
     A polynomial that is then not sharper than the range is replaced by the range's midpoint, and so is one
     that is not finite or not known to be near the function, whatever became of its remainder.
     """
-    rad = upward(of, rad)
-    reach = upward(of, np.abs(c[1:]).sum(axis=0) + rad)
-    ends = c[0] - reach, c[0] + reach
-    lower, upper = interval.outward(*ends)
-    finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
+    # |F - c_0| <= sum over alpha != 0 of |c_alpha| + rad, for |sigma_i| <= 1
+    rad = add_rounding(basis, rad)
+    reach = add_rounding(basis, np.abs(c[1:]).sum(axis=0) + rad)
+    low = c[0] - reach
+    high = c[0] + reach
+    lower, upper = interval.round_outward(low, high)
+    finite = np.isfinite(low) & np.isfinite(high)
     if not finite.all():
-        lower, upper = np.where(finite, lower, -np.inf), np.where(finite, upper, np.inf)
-    lower, upper = np.fmax(lower, range_[0]), np.fmin(upper, range_[1])
+        lower = np.where(finite, lower, -np.inf)
+        upper = np.where(finite, upper, np.inf)
+    lower = np.fmax(lower, values[0])
+    upper = np.fmin(upper, values[1])
+    # The range's midpoint is off by half its width: as good as a polynomial with that remainder
     flat = ~(finite & (rad <= 0.5 * upper - 0.5 * lower))
     if flat.any():
-        c, (middle, half) = np.where(flat, 0.0, c), _middle((lower, upper))
-        c[0], rad = np.where(flat, middle, c[0]), np.where(flat, half, rad)
-    return Model(of, c, rad, (lower, upper))
+        c = np.where(flat, 0.0, c)
+        (middle, half) = _midpoint_and_radius((lower, upper))
+        c[0] = np.where(flat, middle, c[0])
+        rad = np.where(flat, half, rad)
+    return TaylorModel(basis, c, rad, (lower, upper))
 
 
-def upward(of: Basis, size: Array) -> Array:
-    """(k,) sizes, increased by what rounding of their sums and products, one per monomial, may take away."""
-    return (1 + 4 * len(of.degree) * EPS) * size + TINY
+def add_rounding(basis: MonomialBasis, size: Array) -> Array:
+    """Sizes increased by what rounding of their sums and products, one per monomial, may take away, (k,)."""
+    return (1 + 4 * len(basis.degrees) * EPS) * size + UNDERFLOW_ALLOWANCE
 
 
 @QUIET
-def _middle(values: Interval) -> tuple[Array, Array]:
+def _midpoint_and_radius(values: IntervalArrays) -> tuple[Array, Array]:
     """The midpoints (k,) of intervals and how far they reach from there; 0 and inf where there is none."""
     lower, upper = values
-    middle, half = 0.5 * upper + 0.5 * lower, 0.5 * upper - 0.5 * lower
-    known = np.isfinite(middle)
-    reach = (1 + 4 * EPS) * (half + EPS * np.abs(middle)) + TINY
-    return np.where(known, middle, 0.0), np.where(known, reach, np.inf)
+    middle = 0.5 * upper + 0.5 * lower
+    half = 0.5 * upper - 0.5 * lower
+    finite = np.isfinite(middle)
+    reach = (1 + 4 * EPS) * (half + EPS * np.abs(middle)) + UNDERFLOW_ALLOWANCE
+    return np.where(finite, middle, 0.0), np.where(finite, reach, np.inf)
 
 
-def _by_degree(of: Basis, c: Array) -> Array:
-    """(n + 1, k) sums of |c_alpha| over the monomials of each degree."""
+def _sizes_by_degree(basis: MonomialBasis, c: Array) -> Array:
+    """Sums of |c_alpha| over the monomials of each degree, (n + 1, k)."""
     sizes = np.abs(c, order="C")  # sums of many rows are rounded by their order in memory
-    if len(of.degree) == of.order + 1:  # of one variable there is one monomial of each degree
+    if len(basis.degrees) == basis.order + 1:  # of one variable there is one monomial of each degree
         return sizes
-    sums = sizes[of.first[:-1]]
-    for degree, (i, j) in enumerate(pairwise(of.first.tolist())):
+    sums = sizes[basis.degree_starts[:-1]]
+    for degree, (i, j) in enumerate(pairwise(basis.degree_starts.tolist())):
         if j - i > 1:
             sums[degree] += np.add.reduce(sizes[i + 1 : j])
     return sums
 
 
 @QUIET
-def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
+def _multiply_models(
+    basis: MonomialBasis, a: tuple[Array, Array], b: tuple[Array, Array]
+) -> tuple[Array, Array]:
     """The coefficients and the remainder of a product."""
-    (x, r), (y, s) = a, b
+    # (x + r)(y + s) = x y + (x + r) s + r y; of x y the products of degree up to n are kept
+    (x, r) = a
+    (y, s) = b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
     for i in np.flatnonzero(x.any(axis=1)):
-        for others, into in of.times[i]:
-            c[into] += x[i] * y[others]
-    of_x = _by_degree(of, x)
-    # from_y[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
-    from_y = np.add.accumulate(_by_degree(of, y)[::-1])
-    above = np.add.reduce(of_x[1:] * from_y[:-1])
-    all_x, all_y = np.add.reduce(of_x), from_y[-1]
-    rounding = (len(of.degree) + 2) * EPS * (all_x * all_y)  # EPS times one of them may underflow
-    return c, upward(of, above + (all_x + r) * s + all_y * r + rounding)
+        for factors, products in basis.product_slices[i]:
+            c[products] += x[i] * y[factors]
+    x_sizes = _sizes_by_degree(basis, x)
+    # y_tails[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
+    y_tails = np.add.accumulate(_sizes_by_degree(basis, y)[::-1])
+    above = np.add.reduce(x_sizes[1:] * y_tails[:-1])
+    x_size = np.add.reduce(x_sizes)
+    y_size = y_tails[-1]
+    rounding = (len(basis.degrees) + 2) * EPS * (x_size * y_size)  # EPS times one of them may underflow
+    return c, add_rounding(basis, above + (x_size + r) * s + y_size * r + rounding)
 
 
-def composed(
-    a: Model, coefficients: Array, last: Array, range_: Interval, error: Array | float | None = None
-) -> Model:
+def compose_model(
+    a: TaylorModel,
+    coefficients: Array,
+    next_bound: Array,
+    values: IntervalArrays,
+    error: Array | float | None = None,
+) -> TaylorModel:
     """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) on the next.
 
-    `last` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow. `error` is
-    that of the coefficients, by default OF_FUNCTIONS times their size. `range_` is the range of g(a).
+    `next_bound` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow.
+    It may be a quotient rounded to nearest, for what it is multiplied by is rounded up. `error` is that of
+    the coefficients, by default FUNCTION_COEFFICIENT_ERROR times their size. `values` is the range of g(a).
     """
-    c, rad = series(a.basis, (a.c, a.rad), coefficients, last, error)
-    return settled(a.basis, c, rad, range_)
+    c, rad = compose_coefficients(a.basis, (a.c, a.rad), coefficients, next_bound, error)
+    return tighten_model(a.basis, c, rad, values)
 
 
 @QUIET
-def series(
-    of: Basis, a: tuple[Array, Array], coefficients: Array, last: Array, error: Array | float | None = None
+def compose_coefficients(
+    basis: MonomialBasis,
+    a: tuple[Array, Array],
+    coefficients: Array,
+    next_bound: Array,
+    error: Array | float | None = None,
 ) -> tuple[Array, Array]:
-    """The coefficients, which may be complex, and the remainder of g(a) as in `composed`."""
+    """The coefficients, which may be complex, and the remainder of g(a) as in `compose_model`."""
+    # g(a) = sum over k <= n of g_k (a - a_0)^k by Horner's rule, and the rest: next_bound |a - a_0|^(n + 1)
     inner = a[0].copy()
     inner[0] = 0.0
-    size = upward(of, np.abs(inner).sum(axis=0) + a[1])
+    size = add_rounding(basis, np.abs(inner).sum(axis=0) + a[1])
     sizes = np.abs(coefficients)
-    errors = EPS * sizes + (OF_FUNCTIONS * sizes if error is None else error) + TINY
-    c, rad = np.zeros_like(inner, dtype=np.result_type(inner, coefficients)), np.zeros(len(size))
-    c[0], beyond = coefficients[-1], (last + TINY) * size + errors[-1]
+    errors = (
+        EPS * sizes + (FUNCTION_COEFFICIENT_ERROR * sizes if error is None else error) + UNDERFLOW_ALLOWANCE
+    )
+    c = np.zeros_like(inner, dtype=np.result_type(inner, coefficients))
+    rad = np.zeros(len(size))
+    c[0] = coefficients[-1]
+    beyond = (next_bound + UNDERFLOW_ALLOWANCE) * size + errors[-1]
     for g, e in zip(coefficients[-2::-1], errors[-2::-1], strict=True):
-        c, rad = _product(of, (c, rad), (inner, a[1]))
+        c, rad = _multiply_models(basis, (c, rad), (inner, a[1]))
         c[0] += g
         beyond = beyond * size + e  # not by powers of the size, which may underflow
     return c, rad + beyond

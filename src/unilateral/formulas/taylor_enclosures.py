@@ -10,75 +10,90 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.formulas import interval
-from unilateral.formulas.exact_numbers import nearest
-from unilateral.formulas.expression import Atom, Expression
+from unilateral.formulas.exact_numbers import as_float_or_inf
+from unilateral.formulas.expression import Expression, Primitive
 from unilateral.formulas.formula_walk import Evaluation
-from unilateral.formulas.interval import QUIET, Interval
+from unilateral.formulas.interval import QUIET, IntervalArrays
 from unilateral.formulas.taylor import (
     EPS,
-    OF_FUNCTIONS,
-    Model,
-    by_part,
-    composed,
-    constant,
-    number,
-    series,
-    settled,
-    upward,
+    FUNCTION_COEFFICIENT_ERROR,
+    TaylorModel,
+    add_rounding,
+    apply_on_subsets,
+    compose_coefficients,
+    compose_model,
+    number_model,
+    range_model,
+    tighten_model,
 )
 
-Function = Callable[[Model], Model]
-Range = Callable[[Interval], Interval]
-Steps = Mapping[Atom, Array]
+ModelFunction = Callable[[TaylorModel], TaylorModel]
+IntervalFunction = Callable[[IntervalArrays], IntervalArrays]
+StepValues = Mapping[Primitive, Array]
 
-OF_TANH = 1024 * EPS
+TANH_COEFFICIENT_ERROR = 1024 * EPS
 """The error of a Taylor coefficient of tanh.
 
 Every step of the recursion at most doubles the error before it.
 """
-AROUND_TANH = 1.5575
+MAX_TANH_ON_CIRCLE = 1.5575
 """The largest |tanh| up to a distance of 1 from the real axis, tan 1 = 1.55740.., rounded up."""
-OF_EXPONENT = 1e-10
+POWER_ERROR = 1e-10
 """More than the relative rounding of a power of x with an exponent up to 100, for |log x| < 745."""
 
 
-def _around(a: Model) -> tuple[Array, Interval, int]:
+def _expansion_point(a: TaylorModel) -> tuple[Array, IntervalArrays, int]:
     """The constant term of a model, an interval that contains it and all values, and the degree n."""
-    at = a.c[0]
-    return at, (np.fmin(a.range[0], at), np.fmax(a.range[1], at)), a.basis.order
+    centre = a.c[0]
+    return centre, (np.fmin(a.range[0], centre), np.fmax(a.range[1], centre)), a.basis.order
 
 
 def _factorials(n: int) -> Array:
+    """0! to (n + 1)!, (n + 2, 1)."""
     return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
 
 
-def _entire(cycle: Callable[[Array], list[Array]], bound: Range | None, range_of: Range) -> Function:
-    """A function whose derivatives at points (k,) repeat a `cycle`; `bound` is for all of them, else 1 is."""
+def _make_entire_function(
+    cycle: Callable[[Array], list[Array]], bound: IntervalFunction | None, interval_function: IntervalFunction
+) -> ModelFunction:
+    """An entire function: its derivatives at points (k,) repeat a `cycle`.
+
+    Their sizes on an interval are at most the upper end of `bound`, by default 1.
+    """
 
     @QUIET
-    def function(a: Model) -> Model:
-        at, values, n = _around(a)
-        fact, derivatives = _factorials(n), cycle(at)
-        coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / fact[:-1]
+    def evaluate(a: TaylorModel) -> TaylorModel:
+        """The function of a model, by its Taylor polynomial at the model's constant term."""
+        centre, values, n = _expansion_point(a)
+        factorials = _factorials(n)
+        derivatives = cycle(centre)
+        coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / factorials[:-1]
+        # compose_model rounds up what it multiplies the bound by, so a quotient may be rounded to nearest
         if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
-            return composed(a, coefficients, 1 / fact[-1], range_of(a.range), error=4 * EPS)
-        return composed(a, coefficients, bound(values)[1] / fact[-1], range_of(a.range))
+            return compose_model(
+                a, coefficients, 1 / factorials[-1], interval_function(a.range), error=4 * EPS
+            )
+        return compose_model(a, coefficients, bound(values)[1] / factorials[-1], interval_function(a.range))
 
-    return function
+    return evaluate
 
 
-def tanh(a: Model) -> Model:
+def tanh_model(a: TaylorModel) -> TaylorModel:
     """tanh of a model, by y' = 1 - y^2 and Cauchy's estimate on circles of radius 1."""
-    at, _, n = _around(a)
-    y = np.zeros((n + 1, len(at)))
-    y[0] = np.tanh(at)
+    centre, _, n = _expansion_point(a)
+    # (k + 1) y_(k + 1) = [k = 0] - sum over i of y_i y_(k - i)
+    y = np.zeros((n + 1, len(centre)))
+    y[0] = np.tanh(centre)
     for k in range(n):
         y[k + 1] = ((k == 0) - np.sum(y[: k + 1] * y[k::-1], axis=0)) / (k + 1)
-    return composed(a, y, AROUND_TANH + 0 * at, interval.tanh(a.range), OF_TANH)
+    return compose_model(
+        a, y, MAX_TANH_ON_CIRCLE + 0 * centre, interval.tanh(a.range), TANH_COEFFICIENT_ERROR
+    )
 
 
-def _binomials(exponent: float, n: int) -> Array:
-    """(n + 2, 1) coefficients of (1 + z)^exponent."""
+def _binomial_coefficients(exponent: float, n: int) -> Array:
+    """The coefficients of (1 + z)^exponent, (n + 2, 1)."""
+    # (m over k + 1) = (m over k) (m - k) / (k + 1)
     coefficients = [1.0]
     for k in range(n + 1):
         coefficients.append(coefficients[-1] * (exponent - k) / (k + 1))
@@ -86,133 +101,158 @@ def _binomials(exponent: float, n: int) -> Array:
 
 
 @QUIET
-def _power_series(a: Model, exponent: float, range_: Interval) -> Model:
+def _power_series(a: TaylorModel, exponent: float, values: IntervalArrays) -> TaylorModel:
     """The series of a^exponent where a > 0, or where a is not 0 and the exponent is whole and negative.
 
     Elsewhere it is the range of a^exponent. The exponent is negative or fractional, so that no coefficient
     is 0.
     """
-    at, (low, high), n = _around(a)
-    *binomials, next_ = _binomials(exponent, n)
+    centre, (low, high), n = _expansion_point(a)
+    *binomials, next_ = _binomial_coefficients(exponent, n)
     either_sign = exponent == int(exponent)
-    coefficients = np.array(binomials) * at ** (exponent - np.arange(n + 1)[:, None])
+    # a^m = sum over k of (m over k) a_0^(m - k) (a - a_0)^k
+    coefficients = np.array(binomials) * centre ** (exponent - np.arange(n + 1)[:, None])
     nearest = np.where(low > 0, low, -high if either_sign else np.nan)
     farthest = np.maximum(np.abs(low), np.abs(high))
-    ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
-    last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends), np.inf)
+    # |(m over n + 1) x^(m - n - 1)| is monotone in |x|: largest at the end nearest to 0 or farthest from it
+    largest = np.maximum(nearest ** (exponent - n - 1), farthest ** (exponent - n - 1))
+    last = np.where(nearest > 0, np.abs(next_) * largest, np.inf)
     # a fractional exponent is rounded, which counts log a times
-    logs = 1 + np.abs(np.log(np.abs(at)))
-    error = (OF_FUNCTIONS + 4 * EPS * (n + abs(exponent)) * logs) * np.abs(coefficients)
-    return composed(a, coefficients, (1 + OF_EXPONENT) * last, range_, error)
+    logs = 1 + np.abs(np.log(np.abs(centre)))
+    error = (FUNCTION_COEFFICIENT_ERROR + 4 * EPS * (n + abs(exponent)) * logs) * np.abs(coefficients)
+    return compose_model(a, coefficients, (1 + POWER_ERROR) * last, values, error)
 
 
-def power(a: Model, n: int) -> Model:
-    """a^n for a whole number n that is not 0."""
-    values = interval.power(a.range, n)
+def power_model(a: TaylorModel, n: int) -> TaylorModel:
+    """a^n for a whole number n that is not 0, by squaring for n > 0."""
+    values = interval.integer_power(a.range, n)
     if n < 0:
         return _power_series(a, float(n), values)
     product = a
     for bit in bin(n)[3:]:
         product = product * product * a if bit == "1" else product * product
-    return settled(product.basis, product.c, product.rad, values)
+    return tighten_model(product.basis, product.c, product.rad, values)
 
 
-def root(a: Model, k: float) -> Model:
+def root_model(a: TaylorModel, k: float) -> TaylorModel:
     """a^k for a k that is no whole number, where a > 0. Nothing is known where a may be 0 or negative."""
     positive = a.range[0] > 0
-    lower, upper = interval.of_positive_part(a.range, k)
+    lower, upper = interval.positive_part_power(a.range, k)
     return _power_series(a, k, (np.where(positive, lower, -np.inf), np.where(positive, upper, np.inf)))
 
 
-def positive_power(a: Model, k: float) -> Model:
+def positive_power_model(a: TaylorModel, k: float) -> TaylorModel:
     """a_+^k for k != 0. Where a has both signs and a >= -d, it is a^k up to d^k for a whole k > 0.
 
     For any other k only its range is known there.
     """
     lower, upper = a.range
-    whole = k > 0 and k == int(k)
+    is_integer = k > 0 and k == int(k)
 
-    def of_positive(a: Model) -> Model:
-        values = interval.of_positive_part(a.range, k)
-        if not whole:
+    def enclose_positive(a: TaylorModel) -> TaylorModel:
+        """a_+^k where a > 0, or k is whole: |a^k - a_+^k| <= (-a)_+^k."""
+        values = interval.positive_part_power(a.range, k)
+        if not is_integer:
             return _power_series(a, k, values)
-        whole_power, beyond = power(a, int(k)), interval.of_positive_part((-a.range[1], -a.range[0]), k)[1]
-        return settled(a.basis, whole_power.c, whole_power.rad + beyond, values)
+        whole_power = power_model(a, int(k))
+        beyond = interval.positive_part_power((-a.range[1], -a.range[0]), k)[1]
+        return tighten_model(a.basis, whole_power.c, whole_power.rad + beyond, values)
 
-    def of_both(a: Model) -> Model:
-        return constant(a.basis, interval.of_positive_part(a.range, k))
+    def enclose_mixed(a: TaylorModel) -> TaylorModel:
+        """The range of a_+^k, of which no polynomial is known where a has both signs."""
+        return range_model(a.basis, interval.positive_part_power(a.range, k))
 
-    known = (lower > 0) | (whole & (upper > 0))
-    return by_part([(of_positive, known), (of_both, (upper > 0) & ~known)], a)
+    has_series = (lower > 0) | (is_integer & (upper > 0))
+    return apply_on_subsets([(enclose_positive, has_series), (enclose_mixed, (upper > 0) & ~has_series)], a)
 
 
 @QUIET
-def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> Model:
+def polar_power_model(x: TaylorModel, y: TaylorModel, beta: float, phase: float, omega: float) -> TaylorModel:
     """r^beta cos(beta (theta - phase)) with x + i y = r exp(i theta), theta in [0, omega] and beta > 0.
 
     By the series of z^beta, z = x + i y, about the box's centre, which converges where |z| at the centre is
     larger than the box. From its term n + 1 on, each next term is at most `ratio` times as large.
     """
-    n, turn = x.basis.order, np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
-    z, sizes = (x.c + 1j * y.c) * turn, np.abs(x.c) + np.abs(y.c)
+    n = x.basis.order
+    turn = np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
+    z = (x.c + 1j * y.c) * turn
+    sizes = np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
-    at, reach = np.abs(z[0]), np.abs(z[1:]).sum(axis=0) + rad
-    binomials, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
+    # z = z_0 + w with |w| <= reach: z^beta = sum over k of (beta over k) z_0^(beta - k) w^k
+    modulus = np.abs(z[0])
+    reach = np.abs(z[1:]).sum(axis=0) + rad
+    binomials = _binomial_coefficients(beta, n)
+    exponents = beta - np.arange(n + 1)[:, None]
     coefficients = binomials[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
-    error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
-    ratio = (1 + OF_EXPONENT) * max(1.0, (beta - n - 1) / (n + 2)) * reach / at
-    last = np.where(ratio < 1, np.abs(binomials[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
-    c, rad = series(x.basis, (z, rad), coefficients, (1 + OF_EXPONENT) * last, error)
-    reach = upward(x.basis, at + reach)
-    most = interval.of_positive_part((reach, reach), beta)[1]
-    return settled(x.basis, c.real.copy(), rad, (-most, most))
+    error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(modulus))))
+    # The terms from n + 1 on: |(beta over n + 1)| |z_0|^(beta - n - 1) reach^(n + 1) / (1 - ratio) at most
+    ratio = (1 + POWER_ERROR) * max(1.0, (beta - n - 1) / (n + 2)) * reach / modulus
+    last = np.where(ratio < 1, np.abs(binomials[-1]) * modulus ** (beta - n - 1) / (1 - ratio), np.inf)
+    c, rad = compose_coefficients(x.basis, (z, rad), coefficients, (1 + POWER_ERROR) * last, error)
+    # |z^beta cos(..)| <= |z|^beta, the range where the series does not converge
+    reach = add_rounding(x.basis, modulus + reach)
+    largest = interval.positive_part_power((reach, reach), beta)[1]
+    return tighten_model(x.basis, c.real.copy(), rad, (-largest, largest))
 
 
-FUNCTIONS: dict[str, Function] = {
-    "exp": _entire(lambda a: [np.exp(a)], interval.exp, interval.exp),
-    "sin": _entire(lambda a: [np.sin(a), np.cos(a), -np.sin(a), -np.cos(a)], None, interval.sin),
-    "cos": _entire(lambda a: [np.cos(a), -np.sin(a), -np.cos(a), np.sin(a)], None, interval.cos),
-    "sinh": _entire(lambda a: [np.sinh(a), np.cosh(a)], interval.cosh, interval.sinh),
-    "cosh": _entire(lambda a: [np.cosh(a), np.sinh(a)], interval.cosh, interval.cosh),
-    "tanh": tanh,
+MODEL_FUNCTIONS: dict[str, ModelFunction] = {
+    "exp": _make_entire_function(lambda a: [np.exp(a)], interval.exp, interval.exp),
+    "sin": _make_entire_function(
+        lambda a: [np.sin(a), np.cos(a), -np.sin(a), -np.cos(a)], None, interval.sin
+    ),
+    "cos": _make_entire_function(
+        lambda a: [np.cos(a), -np.sin(a), -np.cos(a), np.sin(a)], None, interval.cos
+    ),
+    "sinh": _make_entire_function(lambda a: [np.sinh(a), np.cosh(a)], interval.cosh, interval.sinh),
+    "cosh": _make_entire_function(lambda a: [np.cosh(a), np.sinh(a)], interval.cosh, interval.cosh),
+    "tanh": tanh_model,
 }
 
 
-def evaluate(formula: Expression, variables: Mapping[str, Model], steps: Steps | None = None) -> Model:
+def enclose_formula(
+    formula: Expression, variables: Mapping[str, TaylorModel], step_values: StepValues | None = None
+) -> TaylorModel:
     """A formula of the grammar, without logarithms, on the boxes of its variables' models.
 
-    `steps` gives the value (k,) that a jump pos(a, 0) has on each box, NaN where it has both.
+    `step_values` gives the value (k,) that a jump pos(a, 0) has on each box, NaN where it has both.
     """
     like = next(iter(variables.values()))
-    known = {Atom(name): model for name, model in variables.items()}
-    for step, value in (steps or {}).items():
-        both = np.isnan(value)
-        known[step] = constant(like.basis, (np.where(both, 0.0, value), np.where(both, 1.0, value)))
-    return _Models((formula,), known).of(formula)
+    values = {Primitive(name): model for name, model in variables.items()}
+    for step, value in (step_values or {}).items():
+        undecided = np.isnan(value)
+        values[step] = range_model(
+            like.basis, (np.where(undecided, 0.0, value), np.where(undecided, 1.0, value))
+        )
+    return _ModelEvaluation((formula,), values).evaluate(formula)
 
 
-class _Models(Evaluation[Model]):
-    def number(self, value: Fraction) -> Model:
-        return number(next(iter(self.known.values())), float(value))
+class _ModelEvaluation(Evaluation[TaylorModel]):
+    def number(self, value: Fraction) -> TaylorModel:
+        """The model of a rational number."""
+        return number_model(next(iter(self.values.values())), float(value))
 
-    def constant(self, e: Expression) -> Model:
-        return number(next(iter(self.known.values())), nearest(e))
+    def constant(self, e: Expression) -> TaylorModel:
+        """The model of an expression without variables."""
+        return number_model(next(iter(self.values.values())), as_float_or_inf(e))
 
-    def times(self, value: Model, e: Expression) -> Model:
-        return value.scaled(nearest(e))
+    def times(self, value: TaylorModel, e: Expression) -> TaylorModel:
+        """A model times an expression without variables."""
+        return value.scale(as_float_or_inf(e))
 
-    def power(self, base: Model, k: Fraction) -> Model:
-        return power(base, int(k)) if k.denominator == 1 else root(base, float(k))
+    def power(self, base: TaylorModel, k: Fraction) -> TaylorModel:
+        """The model of a power."""
+        return power_model(base, int(k)) if k.denominator == 1 else root_model(base, float(k))
 
-    def function(self, of: Atom) -> Model:
-        a = self.of(of.args[0])
-        if of.name != "pos":
-            return FUNCTIONS[of.name](a)
-        k = nearest(of.args[1])
-        return positive_power(a, k) if k else _step(a)
+    def function(self, primitive: Primitive) -> TaylorModel:
+        """The model of a function of the grammar."""
+        a = self.evaluate(primitive.args[0])
+        if primitive.name != "pos":
+            return MODEL_FUNCTIONS[primitive.name](a)
+        k = as_float_or_inf(primitive.args[1])
+        return positive_power_model(a, k) if k else _step_model(a)
 
 
-def _step(a: Model) -> Model:
+def _step_model(a: TaylorModel) -> TaylorModel:
     """pos(a, 0), which is 1 where a > 0 and 0 elsewhere, as a model."""
     low, high = a.range
-    return constant(a.basis, (np.where(low > 0, 1.0, 0.0), np.where(high > 0, 1.0, 0.0)))
+    return range_model(a.basis, (np.where(low > 0, 1.0, 0.0), np.where(high > 0, 1.0, 0.0)))

@@ -12,7 +12,7 @@ from unilateral.geometry.polygon import Polygon
 
 
 @dataclass(frozen=True)
-class Singular:
+class SingularPoint:
     """A boundary point at which functions behave like r to the power of multiples of 1 / `grading`."""
 
     side: int
@@ -33,43 +33,54 @@ class Kink:
     tangent: tuple[float, float] = (1.0, 0.0)
     sign: int = 1
 
-    def level(self, points: Array) -> Array:
-        """(k,) signed distances of the points (k, 2) from the curve."""
-        moved = points - np.array(self.centre)
+    def signed_distances(self, points: Array) -> Array:
+        """Signed distances of the points (k, 2) from the curve, (k,)."""
+        # |x - m| - r of a circle, (x - m) x tangent of a line
+        offsets = points - np.array(self.centre)
         if self.radius:
-            return np.hypot(moved[:, 0], moved[:, 1]) - self.radius
-        return cross(moved, np.array(self.tangent))
+            return np.hypot(offsets[:, 0], offsets[:, 1]) - self.radius
+        return cross(offsets, np.array(self.tangent))
 
-    def crossings(self, polygon: Polygon) -> list[Singular]:
+    def crossings(self, polygon: Polygon) -> list[SingularPoint]:
         """Where the curve crosses the sides, as points with a kink; a side along it is not crossed."""
-        found = []
+        points = []
         for side, (start, edge) in enumerate(zip(polygon.vertices, polygon.edges, strict=True)):
             if self.radius:
-                moved = start - np.array(self.centre)
-                roots = np.roots([edge @ edge, 2 * edge @ moved, moved @ moved - self.radius**2])
+                # |a + t e - m|^2 = r^2 for the point at t on the side from a along e
+                offset = start - np.array(self.centre)
+                roots = np.roots([edge @ edge, 2 * edge @ offset, offset @ offset - self.radius**2])
                 t = roots.real[roots.imag == 0]
             else:
-                first, last = self.level(np.stack([start, start + edge]))
+                # the signed distance is linear in t, and 0 between values of two signs
+                first, last = self.signed_distances(np.stack([start, start + edge]))
                 t = np.array([first / (first - last)]) if first * last < 0 else np.array([])
-            found += [Singular(side, float(x), 1) for x in t if 0 < x < 1]
-        return found
+            points += [SingularPoint(side, float(x), 1) for x in t if 0 < x < 1]
+        return points
 
 
 def area_in_disc(vertices: Array, radius: float) -> Array:
-    """(k,) the areas of triangles (k, 3, 2) in the disc about 0, from sectors and a triangle at each edge."""
-    start, end = vertices, np.roll(vertices, -1, axis=1)
+    """Areas (k,) of the parts of triangles (k, 3, 2) in the disc about 0: a triangle and sectors per edge."""
+    # An edge start + t d meets the circle where a t^2 + 2 b t + c = 0; if nowhere, enter = leave
+    start = vertices
+    end = np.roll(vertices, -1, axis=1)
     d = end - start
-    a, b, c = _dot(d, d), _dot(start, d), _dot(start, start) - radius**2
-    root, a = np.sqrt(np.maximum(b**2 - a * c, 0.0)), np.where(a > 0, a, 1.0)
-    t = (np.clip((-b + sign * root) / a, 0.0, 1.0)[..., None] for sign in (-1, 1))
-    enter, leave = (start + fraction * d for fraction in t)
-    sectors = _angle(start, enter) + _angle(leave, end)
+    a = _dot_vectors(d, d)
+    b = _dot_vectors(start, d)
+    c = _dot_vectors(start, start) - radius**2
+    root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
+    a = np.where(a > 0, a, 1.0)
+    enter = start + np.clip((-b - root) / a, 0.0, 1.0)[..., None] * d
+    leave = start + np.clip((-b + root) / a, 0.0, 1.0)[..., None] * d
+    # Green: the part from enter to leave adds half their cross product, the rest half of radius^2 dtheta
+    sectors = _angle_between(start, enter) + _angle_between(leave, end)
     return np.abs(0.5 * (radius**2 * sectors + cross(enter, leave)).sum(axis=1))
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot_vectors(a: Array, b: Array) -> Array:
+    """The products a . b of vectors (..., 2)."""
     return np.asarray(np.sum(a * b, axis=-1))
 
 
-def _angle(a: Array, b: Array) -> Array:
-    return np.asarray(np.arctan2(cross(a, b), _dot(a, b)))
+def _angle_between(a: Array, b: Array) -> Array:
+    """The angles from the vectors a to the vectors b (..., 2), anticlockwise, in (-pi, pi]."""
+    return np.asarray(np.arctan2(cross(a, b), _dot_vectors(a, b)))

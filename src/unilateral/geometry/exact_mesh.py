@@ -15,46 +15,50 @@ from unilateral.errors import InputError
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.polygon import Polygon
 
-MOST = 1e-3
-"""Proposition S7 of the supplement holds if `distortion` and `stretch` are at most this."""
-GROWTH = 6.0
-"""gamma of Proposition S7 is 1 + GROWTH (distortion + stretch)."""
+MAX_DISTORTION = 1e-3
+"""epsilon, kappa <= 10^-3 in Proposition S7, of `distortion_bounds` and `stretch`."""
+FACTOR_PER_DISTORTION = 6.0
+"""gamma of Proposition S7 is 1 + FACTOR_PER_DISTORTION (distortion + stretch)."""
 
 
-def shifts(polygon: Polygon, places: Array, side: Index, s: Array) -> Array:
-    """(nb,) how far nodes at the `places` (nb, 2) may be from the exact ones, of arc lengths s on the sides.
+def boundary_node_shifts(polygon: Polygon, points: Array, side: Index, s: Array) -> Array:
+    """Bounds on the distances of boundary nodes in memory from the exact ones at the arc lengths s, (nb,).
 
     Places relative to the side's first vertex are rounded relative to its distance, however far the origin.
     """
+    # x* = a + t e on the side from a along e: |x - x*| as computed, and the rounding of t e
     t = (s - polygon.starts[side]) / np.diff(polygon.starts)[side]
     along = t[:, None] * polygon.edges[side]
-    off = places - polygon.vertices[side] - along
-    return np.hypot(*off.T) + 4 * EPS * np.hypot(*along.T)
+    error = points - polygon.vertices[side] - along
+    return np.hypot(*error.T) + 4 * EPS * np.hypot(*along.T)
 
 
-def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> Array:
-    """(m,) bounds on |D Phi - I|, Phi the affine map from a triangle in memory to the exact one.
+def distortion_bounds(node_shifts: Array, triangles: Index, longest_edges: Array, areas: Array) -> Array:
+    """Bounds (m,) on |D Phi - I|, Phi the affine map from each triangle in memory to the exact one.
 
-    That is at most the sum over the nodes of their `shift` (n,) times the gradient of the hat, which is an
-    edge over twice the area. The second term is the rounding of areas and edges, computed from coordinates.
+    That is at most the sum over the nodes of their `node_shifts` (n,) times the gradient of the hat, which is
+    an edge over twice the area. The second term is the rounding of areas and edges, computed from
+    coordinates.
     """
-    return (0.5 * shift[triangles].sum(axis=1) + 4 * EPS * longest) * longest / areas
+    # epsilon_T = sum_j delta_j |grad phi_j|, |grad phi_j| <= longest edge / (2 |T|) (Proposition S7)
+    return (0.5 * node_shifts[triangles].sum(axis=1) + 4 * EPS * longest_edges) * longest_edges / areas
 
 
-def check(polygon: Polygon, points: Array, triangles: Index, distorted: Array) -> None:
-    """Raises InputError where one of the triangles (m, 3) is `distorted` (m,) too much for a bound."""
-    worst, short = int(distorted.argmax()), int(polygon.stretch.argmax())
-    if not distorted[worst] <= MOST:
+def check_distortion(polygon: Polygon, points: Array, triangles: Index, distortion: Array) -> None:
+    """Raises InputError where one of the triangles (m, 3) is `distortion` (m,) too much for a bound."""
+    worst = int(distortion.argmax())
+    short = int(polygon.stretch.argmax())
+    if not distortion[worst] <= MAX_DISTORTION:
         x, y = points[triangles[worst]].mean(axis=0)
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, because rounding "
             f"of coordinates may change the shape of triangle {worst} at ({x:.6g}, {y:.6g}) by "
-            f"{distorted[worst]:.1g}, more than {MOST:g}; move the polygon to the origin, or take larger or "
-            "less flat triangles"
+            f"{distortion[worst]:.1g}, more than {MAX_DISTORTION:g}; move the polygon to the origin, or take "
+            "larger or less flat triangles"
         )
-    if not polygon.stretch[short] <= MOST:
+    if not polygon.stretch[short] <= MAX_DISTORTION:
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed, because rounding changes side {short} by "
-            f"{polygon.stretch[short]:.1g} of its length, more than {MOST:g}; leave out so short a side, or "
-            "move the polygon to the origin"
+            f"{polygon.stretch[short]:.1g} of its length, more than {MAX_DISTORTION:g}; leave out so short a "
+            "side, or move the polygon to the origin"
         )

@@ -13,40 +13,41 @@ from typing import Any
 
 import numpy as np
 
-from unilateral.errors import InputError, SolutionWarning, counted, shown
-from unilateral.geometry.foreign import from_meshio, mesh_from
+from unilateral.errors import InputError, SolutionWarning, pluralise, quote_input
+from unilateral.geometry.foreign import as_mesh, extract_meshio_triangles
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.triangulation_checks import node
+from unilateral.geometry.triangulation_checks import describe_node
 from unilateral.system.files import replacing
-from unilateral.system.limit import OutOfTime, limited
+from unilateral.system.limit import OutOfTime, run_with_limit
 from unilateral.system.optional import require
 
-SAME = 1e-9
+CELL_JOIN_TOLERANCE = 1e-9
 """Arc lengths that differ by at most this part of the polygon's perimeter are the same."""
-SECONDS, SECONDS_PER_MB = 10.0, 5.0
+READER_SECONDS = 10.0
+READER_SECONDS_PER_MB = 5.0
 """Readers have as long as this; the slowest one takes half a second for a megabyte. Some readers of meshio go
 on for ever where a file's end is missing."""
-CURE = "save the mesh as .msh of Gmsh or as .vtu"
-NOT_READ = {
+MESH_FORMAT_ADVICE = "save the mesh as .msh of Gmsh or as .vtu"
+REFUSED_SUFFIXES = {
     ".cgns": "files of CGNS are not read, for meshio reads only what it wrote itself in older versions",
     ".ele": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
     ".node": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
     ".wkt": "files of WKT are not read, for their reader may go on for ever and cannot be stopped",
 }
 """Endings of files that are not given to meshio, and why."""
-THREE_NUMBERS = re.compile(r"\s*\d+\s+\d+\s+\d+\s*")
+FREEFEM_FIRST_LINE = re.compile(r"\s*\d+\s+\d+\s+\d+\s*")
 DECIMAL_COMMA = re.compile(r"(^|\s)-?\d+,\d+(\s|$)")
-TEXTS_WITHOUT_COMMAS = (".avs", ".mesh", ".msh", ".off", ".su2", ".vol", ".vtk")
+COMMA_FREE_SUFFIXES = (".avs", ".mesh", ".msh", ".off", ".su2", ".vol", ".vtk")
 
 
 def write_mesh(
     mesh: Mesh,
     path: str | os.PathLike[str],
-    on_edges: Mapping[str, np.ndarray] | None = None,
-    at_nodes: Mapping[str, np.ndarray] | None = None,
-    on_triangles: Mapping[str, np.ndarray] | None = None,
+    edge_data: Mapping[str, np.ndarray] | None = None,
+    node_data: Mapping[str, np.ndarray] | None = None,
+    triangle_data: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
 
@@ -59,7 +60,8 @@ def write_mesh(
     require("files of meshes need", "meshio")
     import meshio
 
-    n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    n = len(mesh.triangles)
+    lines = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for_gmsh = Path(path).suffix == ".msh"
     if for_gmsh:
         # The sides, and all triangles, as physical groups with names, which some readers ask for
@@ -70,21 +72,21 @@ def write_mesh(
         names["domain"] = np.array([sides + 1, 2])
     else:
         cell_data = {"side": [np.full(n, -1), mesh.side]}
-        cell_data |= {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()}
+        cell_data |= {name: [np.full(n, np.nan), data] for name, data in (edge_data or {}).items()}
         cell_data |= {
-            name: [data, np.full(len(lines), np.nan)] for name, data in (on_triangles or {}).items()
+            name: [data, np.full(len(lines), np.nan)] for name, data in (triangle_data or {}).items()
         }
         names = {}
     content = meshio.Mesh(
         np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
         [("triangle", mesh.triangles), ("line", lines)],
-        point_data=dict(at_nodes or {}),
+        point_data=dict(node_data or {}),
         cell_data=cell_data,
         field_data=names,
     )
     with replacing(path) as temporary:
         try:
-            with _quiet(StringIO()):
+            with _silence_output(StringIO()):
                 if for_gmsh:
                     meshio.write(temporary, content, "gmsh22", binary=False)
                 else:
@@ -92,49 +94,59 @@ def write_mesh(
         except OSError:
             raise
         except Exception as error:
-            raise InputError(f"{path}: the mesh cannot be written there ({_words(error)})") from error
+            raise InputError(f"{path}: the mesh cannot be written there ({_one_line(error)})") from error
 
 
-def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None, corners: bool = False) -> Mesh:
+def read_mesh(
+    path: str | os.PathLike[str], polygon: Polygon | None = None, corners_only: bool = False
+) -> Mesh:
     """The mesh of the triangles in a file of meshio's formats, checked as by `from_arrays`.
 
     If no polygon is given, it is the one that the triangles' boundary forms. Nodes of no triangle are left
-    out, and a SolutionWarning tells of them. Of triangles of second order the `corners` can be taken.
+    out, and a SolutionWarning tells of them. Of triangles of second order the `corners_only` can be taken.
     """
     where = str(path)
-    content = read_content(path)
-    second_order = corners and any(block.type == "triangle6" for block in content.cells)
-    points, triangles = from_meshio(content, where, corners)
-    used = np.unique(triangles[(triangles >= 0) & (triangles < len(points))])
-    if len(used) == len(points):
-        return mesh_from(points, triangles, polygon, where)
+    content = read_with_meshio(path)
+    second_order = corners_only and any(block.type == "triangle6" for block in content.cells)
+    points, triangles = extract_meshio_triangles(content, where, corners_only)
+    in_range = (triangles >= 0) & (triangles < len(points))
+    used = np.unique(triangles[in_range])
+    # numbers out of range are left to as_mesh to refuse, as the file has them
+    if len(used) == len(points) or not in_range.all():
+        return as_mesh(points, triangles, polygon, where)
     unused = np.setdiff1d(np.arange(len(points)), used)
-    what = counted(len(unused), "node of no triangle is", "nodes of no triangle are")
-    told = (
+    dropped = pluralise(len(unused), "node of no triangle is", "nodes of no triangle are")
+    message = (
         "its triangles are of second order; the linear function with its values at their corners is taken"
         if second_order
-        else f"{what} left out, such as node {node(points[:, :2], int(unused[0]))}; the other nodes are "
-        "numbered anew"
+        else f"{dropped} left out, such as node {describe_node(points[:, :2], int(unused[0]))}; the other "
+        "nodes are numbered anew"
     )
-    warnings.warn(f"{where}: {told}", SolutionWarning, stacklevel=3)
-    return mesh_from(points[used], np.searchsorted(used, triangles), polygon, where)
+    warnings.warn(f"{where}: {message}", SolutionWarning, stacklevel=3)
+    return as_mesh(points[used], np.searchsorted(used, triangles), polygon, where)
 
 
-def read_content(path: str | os.PathLike[str]) -> Any:
-    """What meshio reads from the file. Raises InputError, with what happened, for what it cannot read."""
+def read_with_meshio(path: str | os.PathLike[str]) -> Any:
+    """The mesh object that meshio reads from the file.
+
+    Raises InputError, with what happened, for what it cannot read.
+    """
     require("files of meshes need", "meshio")
     import meshio
 
-    suffix, printed = Path(path).suffix.lower(), StringIO()
+    suffix = Path(path).suffix.lower()
+    printed = StringIO()
     cause: BaseException
     try:
         size = os.stat(path).st_size
         if size == 0:
             raise InputError(f"{path}: the file is empty; a mesh of plain triangles is needed")
-        if suffix in NOT_READ:
-            raise InputError(f"{path}: {NOT_READ[suffix]}; {CURE}")
-        with _quiet(printed):
-            return limited(lambda: meshio.read(path), SECONDS + SECONDS_PER_MB * size / 1e6)
+        if suffix in REFUSED_SUFFIXES:
+            raise InputError(f"{path}: {REFUSED_SUFFIXES[suffix]}; {MESH_FORMAT_ADVICE}")
+        with _silence_output(printed):
+            return run_with_limit(
+                lambda: meshio.read(path), READER_SECONDS + READER_SECONDS_PER_MB * size / 1e6
+            )
     except InputError:
         raise
     except OSError as error:
@@ -144,35 +156,39 @@ def read_content(path: str | os.PathLike[str]) -> Any:
             f"{path}: files that end in {suffix} need {error.name}; type: pip install {error.name}"
         ) from error
     except OutOfTime as error:
-        cause, why = error, "its reader does not end, as where the end of the file is missing"
+        cause = error
+        why = "its reader does not end, as where the end of the file is missing"
     except (Exception, SystemExit) as error:  # of several readers, for files of any content
-        cause, why = error, _usual_fault(path, suffix) or _stop(error, printed.getvalue())
-    raise InputError(f"{path}: no mesh can be read from this file, because {why}; {CURE}") from cause
+        cause = error
+        why = _find_usual_fault(path, suffix) or _explain_stop(error, printed.getvalue())
+    raise InputError(
+        f"{path}: no mesh can be read from this file, because {why}; {MESH_FORMAT_ADVICE}"
+    ) from cause
 
 
-def _usual_fault(path: str | os.PathLike[str], suffix: str) -> str:
-    """What is wrong with a text that meshio could not read, if it is one of the usual faults."""
-    if suffix not in TEXTS_WITHOUT_COMMAS:
+def _find_usual_fault(path: str | os.PathLike[str], suffix: str) -> str:
+    """The usual fault of a text file that meshio could not read, as words for a message, or ""."""
+    if suffix not in COMMA_FREE_SUFFIXES:
         return ""
     with open(path, encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, start=1):
-            if number == 1 and suffix == ".msh" and THREE_NUMBERS.fullmatch(line):
+            if number == 1 and suffix == ".msh" and FREEFEM_FIRST_LINE.fullmatch(line):
                 return "it is a .msh of FreeFEM, which is not read, while FreeFEM's .mesh is"
             if DECIMAL_COMMA.search(line):
-                return f"line {number} has a number with a decimal comma, '{shown(line.strip())}'"
+                return f"line {number} has a number with a decimal comma, '{quote_input(line.strip())}'"
     return ""
 
 
-def _stop(error: BaseException, printed: str) -> str:
-    """What made meshio stop: what it printed before it left, or the error."""
+def _explain_stop(error: BaseException, printed: str) -> str:
+    """The reason why meshio stopped, as words for a message."""
     if isinstance(error, SystemExit):
-        return re.sub("Error: Couldn't read file .* as", "meshio cannot read it as", _words(printed))
+        return re.sub("Error: Couldn't read file .* as", "meshio cannot read it as", _one_line(printed))
     import meshio
 
     if isinstance(error, meshio.ReadError) and str(error):
-        return _words(error)
-    what = type(error).__name__ + (f": {_words(error)}" if str(error) else "")
-    return f"its end is missing or it is not what its ending says (meshio stopped with {what})"
+        return _one_line(error)
+    cause = type(error).__name__ + (f": {_one_line(error)}" if str(error) else "")
+    return f"its end is missing or it is not what its ending says (meshio stopped with {cause})"
 
 
 def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
@@ -185,14 +201,16 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
     try:
         table = pd.read_csv(path, skipinitialspace=True)
-        start, end = (table[name].to_numpy(dtype=float) for name in ("start", "end"))
+        start = table["start"].to_numpy(dtype=float)
+        end = table["end"].to_numpy(dtype=float)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: the columns start and end are needed, a row per cell ({error})") from None
     order = np.argsort(start)
-    start, end = start[order], end[order]
-    apart = np.flatnonzero(~(np.abs(start[1:] - end[:-1]) <= SAME * polygon.perimeter))
+    start = start[order]
+    end = end[order]
+    apart = np.flatnonzero(~(np.abs(start[1:] - end[:-1]) <= CELL_JOIN_TOLERANCE * polygon.perimeter))
     if apart.size:
         first = apart[0]
         raise InputError(
@@ -206,12 +224,12 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
 
 @contextmanager
-def _quiet(printed: StringIO) -> Iterator[None]:
+def _silence_output(printed: StringIO) -> Iterator[None]:
     """Keeps meshio's own messages and warnings off the terminal."""
     with redirect_stdout(printed), redirect_stderr(printed), warnings.catch_warnings(action="ignore"):
         yield
 
 
-def _words(message: object) -> str:
+def _one_line(message: object) -> str:
     """A message in one line, without the full stop at its end."""
     return " ".join(str(message).split()).rstrip(".") or type(message).__name__

@@ -8,137 +8,161 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Index, floats, indices
-from unilateral.errors import InputError, SolutionWarning, counted, shown
-from unilateral.geometry.mesh import Mesh, from_arrays, refine
-from unilateral.geometry.outline import GIVE_IT, SLIGHT, Outline, outline
+from unilateral.arrays import Array, Index, read_floats, read_indices
+from unilateral.errors import InputError, SolutionWarning, pluralise, quote_input
+from unilateral.geometry.mesh import Mesh, from_arrays, refine_uniformly
+from unilateral.geometry.outline import POLYGON_ADVICE, SLIGHT_TURN_RADIANS, Outline, find_outline
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.triangulation_checks import node
+from unilateral.geometry.triangulation_checks import describe_node
 from unilateral.system.memory import available_mb
 
-SECOND_ORDER = "whose edges may be curved, unlike those of a polygon; take straight ones"
-MOST_HALVINGS = 12
-BYTES = 400
+SECOND_ORDER_FAULT = "whose edges may be curved, unlike those of a polygon; take straight ones"
+MAX_MESH_HALVINGS = 12
+BYTES_PER_NODE = 400
 """A refined mesh takes about so many bytes per node, with what it knows of its edges."""
 
 
-def mesh_from(
-    given: Any, triangles: ArrayLike | None = None, polygon: Polygon | None = None, where: str = "mesh"
+def as_mesh(
+    points_or_mesh: Any,
+    triangles: ArrayLike | None = None,
+    polygon: Polygon | None = None,
+    where: str = "mesh",
 ) -> Mesh:
     """The mesh of points (n, 2) and `triangles` (m, 3), or of another program's object.
 
-    By default the polygon is the one that the triangles' boundary forms, as `outline` finds it. Raises
+    By default the polygon is the one that the triangles' boundary forms, as `find_outline` finds it. Raises
     InputError as `from_arrays`. Warns by a SolutionWarning where nodes were moved onto its sides, and where
-    corners turn by less than SLIGHT.
+    corners turn by less than SLIGHT_TURN_RADIANS.
     """
-    if isinstance(given, Mesh) and triangles is None and polygon is None:
-        return given
-    points, cells = _arrays(given, triangles, where)
-    points, cells = _in_plane(points, where), _whole(cells, where)
+    if isinstance(points_or_mesh, Mesh) and triangles is None and polygon is None:
+        return points_or_mesh
+    points, cells = _extract_arrays(points_or_mesh, triangles, where)
+    points = _drop_third_coordinate(points, where)
+    cells = _as_triangle_indices(cells, where)
     if polygon is not None:
-        return from_arrays(polygon, points, cells, where, rounded=True)
-    boundary = outline(points, cells, where)
-    mesh = from_arrays(boundary.polygon, points, cells, where, rounded=True)
-    _tell_moved(boundary, points, mesh, where)
-    _tell_slight(mesh.polygon, where)
+        return from_arrays(polygon, points, cells, where, may_be_rounded=True)
+    boundary = find_outline(points, cells, where)
+    mesh = from_arrays(boundary.polygon, points, cells, where, may_be_rounded=True)
+    _warn_of_moved_nodes(boundary, points, mesh, where)
+    _warn_of_slight_corners(mesh.polygon, where)
     return mesh
 
 
-def _tell_moved(boundary: Outline, points: Array, mesh: Mesh, where: str) -> None:
+def _warn_of_moved_nodes(outline: Outline, points: Array, mesh: Mesh, where: str) -> None:
     """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
-    moved, farthest = int(np.count_nonzero(away)), int(away.argmax())
-    if moved and len(boundary.rounded):
-        turns, nodes = counted(len(boundary.rounded), "node"), counted(moved, "node was", "nodes were")
+    n_moved = int(np.count_nonzero(away))
+    farthest = int(away.argmax())
+    if n_moved and len(outline.rounded_nodes):
+        turns = pluralise(len(outline.rounded_nodes), "node")
+        nodes = pluralise(n_moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
-            f"of up to {np.degrees(boundary.turn):.2g} degrees, are taken for rounding of coordinates, and "
-            f"{nodes} moved onto the sides, node {node(points, farthest)} by {away[farthest]:.2g}",
+            f"of up to {np.degrees(outline.max_rounding_turn):.2g} degrees, are taken for rounding of "
+            f"coordinates, and {nodes} moved onto the sides, node {describe_node(points, farthest)} by "
+            f"{away[farthest]:.2g}",
             SolutionWarning,
             stacklevel=4,
         )
 
 
-def _tell_slight(polygon: Polygon, where: str) -> None:
+def _warn_of_slight_corners(polygon: Polygon, where: str) -> None:
     """Warns of corners that may come from a rounding that the coordinates show no more.
 
     A mesh that was rounded, and scaled or moved afterwards, has such corners on its straight sides.
     """
-    slight = np.flatnonzero(np.abs(np.pi - polygon.angles) < SLIGHT)
+    slight = np.flatnonzero(np.abs(np.pi - polygon.angles) < SLIGHT_TURN_RADIANS)
     if slight.size:
         x, y = polygon.vertices[slight[0]]
-        turns = counted(slight.size, "vertex turns", "vertices turn")
+        turns = pluralise(slight.size, "vertex turns", "vertices turn")
         warnings.warn(
             f"{where}: the polygon has {polygon.n_sides} sides, and {turns} by less than "
-            f"{np.degrees(SLIGHT):.0f} degree, the first at ({x:.9g}, {y:.9g}); if the boundary is straight "
-            f"there, {GIVE_IT}",
+            f"{np.degrees(SLIGHT_TURN_RADIANS):.0f} degree, the first at ({x:.9g}, {y:.9g}); if the boundary "
+            f"is straight there, {POLYGON_ADVICE}",
             SolutionWarning,
             stacklevel=4,
         )
 
 
-def halved(mesh: Mesh, times: int) -> Mesh:
+def refine_within_memory(mesh: Mesh, halvings: int) -> Mesh:
     """The mesh with every edge halved so many times. Raises InputError for what is no such number."""
-    if not isinstance(times, int | np.integer) or isinstance(times, bool) or not 0 <= times <= MOST_HALVINGS:
+    if (
+        not isinstance(halvings, int | np.integer)
+        or isinstance(halvings, bool)
+        or not 0 <= halvings <= MAX_MESH_HALVINGS
+    ):
         raise InputError(
-            f"halvings is {shown(repr(times))}; it has to be a whole number from 0 to {MOST_HALVINGS}"
+            f"halvings is {quote_input(repr(halvings))}; it has to be a whole number from 0 to "
+            f"{MAX_MESH_HALVINGS}"
         )
-    needed, free = 4.0**times * mesh.n_nodes * BYTES / 2**20, available_mb()
+    # Each halving of all edges makes about four times as many nodes
+    needed = 4.0**halvings * mesh.n_nodes * BYTES_PER_NODE / 2**20
+    free = available_mb()
     if needed > free:
         raise InputError(
-            f"halvings = {times} makes a mesh of about {4.0**times * mesh.n_nodes:.2g} nodes, which takes "
-            f"{needed:.0f} MB, and {free:.0f} MB are free; take fewer"
+            f"halvings = {halvings} makes a mesh of about {4.0**halvings * mesh.n_nodes:.2g} nodes, which "
+            f"takes {needed:.0f} MB, and {free:.0f} MB are free; take fewer"
         )
-    return refine(mesh, int(times))
+    return refine_uniformly(mesh, int(halvings))
 
 
-def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, Any]:
+def _extract_arrays(points_or_mesh: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, Any]:
     """Points (n, 2) or (n, 3), and triangles (m, 3), not yet looked at."""
     if triangles is not None:
-        return given, triangles
-    if isinstance(given, Mesh):
-        return given.points, given.triangles
-    if hasattr(given, "points") and _are_blocks(getattr(given, "cells", None)):  # meshio
-        return from_meshio(given, where)
-    if all(getattr(getattr(given, name, None), "ndim", 0) == 2 for name in ("p", "t")):  # scikit-fem
-        if given.p.shape[1] > getattr(given, "nvertices", given.p.shape[1]):
+        return points_or_mesh, triangles
+    if isinstance(points_or_mesh, Mesh):
+        return points_or_mesh.points, points_or_mesh.triangles
+    if hasattr(points_or_mesh, "points") and _are_meshio_blocks(
+        getattr(points_or_mesh, "cells", None)
+    ):  # meshio
+        return extract_meshio_triangles(points_or_mesh, where)
+    if all(getattr(getattr(points_or_mesh, name, None), "ndim", 0) == 2 for name in ("p", "t")):  # scikit-fem
+        if points_or_mesh.p.shape[1] > getattr(points_or_mesh, "nvertices", points_or_mesh.p.shape[1]):
             raise InputError(
-                f"{where}: it is a {type(given).__name__}, {SECOND_ORDER}, in scikit-fem by "
+                f"{where}: it is a {type(points_or_mesh).__name__}, {SECOND_ORDER_FAULT}, in scikit-fem by "
                 "skfem.MeshTri(mesh.p[:, :mesh.nvertices], mesh.t)"
             )
-        return np.transpose(given.p), np.transpose(given.t)
-    if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
-        mask = getattr(given, "mask", None)
-        x, y = (floats(of, f"{where}, {name}") for name, of in (("x", given.x), ("y", given.y)))
-        return np.column_stack([x, y]), given.triangles[... if mask is None else ~np.asarray(mask, bool)]
+        return np.transpose(points_or_mesh.p), np.transpose(points_or_mesh.t)
+    if (
+        hasattr(points_or_mesh, "x") and hasattr(points_or_mesh, "y") and hasattr(points_or_mesh, "triangles")
+    ):  # matplotlib
+        mask = getattr(points_or_mesh, "mask", None)
+        x = read_floats(points_or_mesh.x, f"{where}, x")
+        y = read_floats(points_or_mesh.y, f"{where}, y")
+        return np.column_stack([x, y]), points_or_mesh.triangles[
+            ... if mask is None else ~np.asarray(mask, bool)
+        ]
     raise InputError(
-        f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or "
-        "a mesh of meshio, scikit-fem or matplotlib"
+        f"{where}: {quote_input(' '.join(repr(points_or_mesh).split()))} is no mesh; give a file, points and "
+        "triangles, or a mesh of meshio, scikit-fem or matplotlib"
     )
 
 
-def _are_blocks(cells: Any) -> bool:
+def _are_meshio_blocks(cells: Any) -> bool:
     """Whether they are the cells of a mesh of meshio, of the version that is asked for."""
-    return isinstance(cells, list) and all(hasattr(each, "type") and hasattr(each, "data") for each in cells)
+    return isinstance(cells, list) and all(
+        hasattr(block, "type") and hasattr(block, "data") for block in cells
+    )
 
 
-def from_meshio(content: Any, where: str, corners: bool = False) -> tuple[Array, Array]:
+def extract_meshio_triangles(content: Any, where: str, corners_only: bool = False) -> tuple[Array, Array]:
     """The points and the triangles of a mesh of meshio, those that belong to several groups once.
 
-    Triangles of second order are refused, or their `corners` taken.
+    Triangles of second order are refused, or their `corners_only` taken.
     """
-    known = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners else set())
-    foreign = sorted({block.type for block in content.cells} - known)
-    curved = [kind for kind in foreign if kind.startswith("triangle")]
+    allowed_kinds = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners_only else set())
+    other_kinds = sorted({block.type for block in content.cells} - allowed_kinds)
+    curved = [kind for kind in other_kinds if kind.startswith("triangle")]
     if curved:
         raise InputError(
-            f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER}, in gmsh by Mesh.ElementOrder = 1"
+            f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER_FAULT}, in gmsh by "
+            "Mesh.ElementOrder = 1"
         )
-    if foreign:
-        raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
-    points = floats(content.points, f"{where}, points")
+    if other_kinds:
+        raise InputError(f"{where}: there are cells of type {other_kinds[0]}; take plain triangles")
+    points = read_floats(content.points, f"{where}, points")
     blocks = [
-        indices(block.data[:, :3] if corners else block.data, f"{where}, triangles")
+        read_indices(block.data[:, :3] if corners_only else block.data, f"{where}, triangles")
         for block in content.cells
         if block.type.startswith("triangle")
     ]
@@ -153,24 +177,26 @@ def from_meshio(content: Any, where: str, corners: bool = False) -> tuple[Array,
     return points, triangles[np.sort(first)]
 
 
-def _in_plane(points: ArrayLike, where: str) -> Array:
-    """(n, 2) the points, whose third coordinates, if there are any, have to be 0."""
-    found = floats(points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)")
-    if found.ndim != 2 or found.shape[1] != 3:
-        return found
-    lifted = np.flatnonzero(found[:, 2])
+def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:
+    """The points (n, 2) without their third coordinates, which have to be 0."""
+    coordinates = read_floats(
+        points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)"
+    )
+    if coordinates.ndim != 2 or coordinates.shape[1] != 3:
+        return coordinates
+    lifted = np.flatnonzero(coordinates[:, 2])
     if lifted.size:
         raise InputError(
-            f"{where}: node {lifted[0]} has the third coordinate {found[lifted[0], 2]:.6g}; the mesh has to "
-            "lie in the plane z = 0"
+            f"{where}: node {lifted[0]} has the third coordinate {coordinates[lifted[0], 2]:.6g}; the mesh "
+            "has to lie in the plane z = 0"
         )
-    return found[:, :2]
+    return coordinates[:, :2]
 
 
-def _whole(triangles: ArrayLike, where: str) -> Index:
-    """(m, 3) the triangles, if they are whole numbers."""
-    wanted = "they have to be whole numbers, an array of the shape (m, 3)"
-    found = indices(triangles, f"{where}, triangles", wanted)
-    if found.ndim == 2 and found.shape[1] != 3 and found.size:
-        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; take plain triangles")
-    return found
+def _as_triangle_indices(triangles: ArrayLike, where: str) -> Index:
+    """The triangles (m, 3) as whole numbers; InputError if they are none."""
+    requirement = "they have to be whole numbers, an array of the shape (m, 3)"
+    indices = read_indices(triangles, f"{where}, triangles", requirement)
+    if indices.ndim == 2 and indices.shape[1] != 3 and indices.size:
+        raise InputError(f"{where}: there are cells of {indices.shape[1]} nodes; take plain triangles")
+    return indices

@@ -8,61 +8,71 @@ from unilateral.arrays import Array, Index
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
 
-BLOCK = 1 << 16
+MAX_POINTS_LOCATED = 1 << 16
 """At most this many points are located at once."""
-BITS = 26
+Z_ORDER_BITS = 26
 """Triangles are ordered by this many bits of a coordinate; nearer ones are in any order."""
-ROUNDING = 2.0**-48
+ROUNDING_PER_COORDINATE = 2.0**-48
 """Rounding may move a point out of its triangle by this part of the largest coordinate."""
 
 
-def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
+def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
     """Pairs of points (k, 2) and triangles in which they lie: (p,), (p,) and barycentric coordinates (p, 3).
 
     A point on an edge, up to rounding, has a pair with each triangle there; one outside has none.
     """
-    corners, reach = mesh.points[mesh.triangles], ROUNDING * float(np.abs(mesh.points).max())
-    order = _along_plane(corners.mean(axis=1))
+    corners = mesh.points[mesh.triangles]
+    # boxes[0] are about the triangles, by the Z order; boxes[i + 1] about two neighbours in boxes[i]
+    reach = ROUNDING_PER_COORDINATE * float(np.abs(mesh.points).max())
+    order = _z_order(corners.mean(axis=1))
     boxes = [(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)]
     while len(boxes[-1][0]) > 1:
         low, high = boxes[-1]
         pairs = np.arange(0, len(low), 2)
         boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
-    blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
-    pairs_of = [_in_boxes(boxes, points[block]) for block in blocks]
-    at = np.concatenate([block[of] for block, (of, _) in zip(blocks, pairs_of, strict=True)])
-    triangle = order[np.concatenate([box for _, box in pairs_of])]
-    weights, height = _barycentric(corners[triangle], points[at])
+    blocks = np.array_split(np.arange(len(points)), 1 + len(points) // MAX_POINTS_LOCATED)
+    box_pairs = [_pair_with_boxes(boxes, points[block]) for block in blocks]
+    point = np.concatenate([block[number] for block, (number, _) in zip(blocks, box_pairs, strict=True)])
+    triangle = order[np.concatenate([box for _, box in box_pairs])]
+    # The distance from an edge is weight * height, and may be -reach by rounding
+    weights, height = _barycentric_with_heights(corners[triangle], points[point])
     inside = (weights >= -reach / height).all(axis=1)
-    return at[inside], triangle[inside], weights[inside]
+    return point[inside], triangle[inside], weights[inside]
 
 
-def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
+def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
     """The pairs of a point and a box of boxes[0] that contains it, as do all boxes about that one."""
-    at, box = np.arange(len(points)), np.zeros(len(points), dtype=np.intp)
+    # From the box about all down to boxes[0]: both halves of each box that contains the point are tried
+    point = np.arange(len(points))
+    box = np.zeros(len(points), dtype=np.intp)
     for low, high in boxes[::-1]:
-        at, box = at[box < len(low)], box[box < len(low)]
-        within = ((points[at] >= low[box]) & (points[at] <= high[box])).all(axis=1)
-        at, box = at[within], box[within]
+        point = point[box < len(low)]
+        box = box[box < len(low)]
+        within = ((points[point] >= low[box]) & (points[point] <= high[box])).all(axis=1)
+        point = point[within]
+        box = box[within]
         if low is not boxes[0][0]:
-            at, box = np.tile(at, 2), np.concatenate([2 * box, 2 * box + 1])
-    return at, box
+            point = np.tile(point, 2)
+            box = np.concatenate([2 * box, 2 * box + 1])
+    return point, box
 
 
-def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
-    """(p, 3) barycentric coordinates of points (p, 2) in triangles (p, 3, 2), and heights (p, 3) of these."""
+def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Array]:
+    """Barycentric coordinates of points in their triangles, and the heights of these, (p, 3) each."""
+    # Weight i is the area spanned by the point and edge i, over the triangle's; height i is 2 |T| / |edge i|
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     twice = cross(edges[:, 0], edges[:, 1])[:, None]
     away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))
     return away / twice, twice / np.linalg.norm(edges, axis=2)
 
 
-def _along_plane(points: Array) -> Index:
-    """(m,) the order of points along a Z curve, by the bits of both coordinates in turn."""
-    low, size = points.min(axis=0), np.ptp(points, axis=0).max() or 1.0
-    cells = ((points - low) / size * (2**BITS - 1)).astype(np.int64)
+def _z_order(points: Array) -> Index:
+    """The order (m,) of points along a Z curve, by the bits of both coordinates in turn."""
+    low = points.min(axis=0)
+    size = np.ptp(points, axis=0).max() or 1.0
+    cells = ((points - low) / size * (2**Z_ORDER_BITS - 1)).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(BITS):
+    for bit in range(Z_ORDER_BITS):
         for axis in range(2):
             code |= ((cells[:, axis] >> bit) & 1) << (2 * bit + axis)
     return np.argsort(code, kind="stable")

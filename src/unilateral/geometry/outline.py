@@ -13,109 +13,123 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.errors import InputError, counted
-from unilateral.geometry import rounding
+from unilateral.errors import InputError, pluralise
+from unilateral.geometry import coordinate_rounding
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import MAX_VERTICES, Polygon
 from unilateral.geometry.triangulation_checks import (
-    anticlockwise,
-    boundary_edges,
     check_arrays,
-    check_distinct,
-    node,
+    check_distinct_nodes,
+    describe_node,
+    find_boundary_edges,
+    orient_anticlockwise,
 )
 
-SMALLEST_TURN = np.radians(0.1)
+MIN_CORNER_RADIANS = np.radians(0.1)
 """No corner of a larger turn is missed: where rounding might hide one, the mesh is refused."""
-CLEAR = 2.0
+CORNER_PER_ROUNDING = 2.0
 """A turn of more than this times the largest one by rounding is a corner. Cut instead of rounded numbers are
 off by a unit, twice as far; their turns are neither rounding nor corners."""
-SLIGHT = np.radians(1.0)
+SLIGHT_TURN_RADIANS = np.radians(1.0)
 """Smaller turns are looked at twice: they may come from a rounding that the numbers do not show any more, as
 those of a mesh that was turned afterwards. Short numbers that a person wrote do not make such corners."""
-GIVE_IT = "give the polygon, by polygon="
+POLYGON_ADVICE = "give the polygon, by polygon="
 
 
 class Outline(NamedTuple):
     """The polygon of a boundary, and what was taken for rounding.
 
-    `rounded` (k,) are the nodes at which the boundary turns by rounding, by at most `turn` radians.
+    `rounded_nodes` (k,) are the nodes at which the boundary turns by rounding, by at most `max_rounding_turn`
+    radians.
     """
 
     polygon: Polygon
-    rounded: Index
-    turn: float
+    rounded_nodes: Index
+    max_rounding_turn: float
 
 
-def outline(points: Array, triangles: Index, where: str) -> Outline:
+def find_outline(points: Array, triangles: Index, where: str) -> Outline:
     """The polygon that the triangles' boundary forms, anticlockwise, from the first of its corners on.
 
     Raises InputError for a boundary that is not one closed line, and where rounding leaves its corners open.
     """
-    line = closed_line(points, triangles, where)
+    line = order_boundary_nodes(points, triangles, where)
     places = points[line]
-    before, after = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+    # The turn at a node, from the edge before it to the edge after it
+    before = places - np.roll(places, 1, axis=0)
+    after = np.roll(places, -1, axis=0) - places
     turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
-    by_arithmetic = np.full(len(line), rounding.arithmetic(places))
-    by_digits = by_arithmetic + rounding.radii(places)
-    straight = np.abs(turns) <= largest_turns(places, by_arithmetic)
-    by_rounding = largest_turns(places, by_digits)
-    if rounding.as_typed(places):
-        by_units = largest_turns(places, by_arithmetic + 0.5 * np.hypot(*rounding.units(places).T))
-        rounded = ~straight & (np.abs(turns) <= by_rounding)
-        unclear = ~straight & ~rounded & (np.abs(turns) <= np.minimum(SLIGHT, CLEAR * by_units))
+    # What round-off in another program explains, and what it and rounded digits explain
+    arithmetic_errors = np.full(len(line), coordinate_rounding.arithmetic_error(places))
+    point_errors = arithmetic_errors + coordinate_rounding.rounding_errors_of_points(places)
+    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
+    rounding_turns = largest_turns(places, point_errors)
+    if coordinate_rounding.has_typed_digits(places):
+        # Typed numbers are exact, but slight turns may come from numbers that were rounded to as few digits
+        unit_turns = largest_turns(
+            places, arithmetic_errors + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
+        )
+        rounded = ~straight & (np.abs(turns) <= rounding_turns)
+        unclear = (
+            ~straight
+            & ~rounded
+            & (np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * unit_turns))
+        )
         corners = ~straight & ~rounded & ~unclear
     else:
-        corners = ~straight & (np.abs(turns) > CLEAR * by_rounding)
-        # The true turn is at most |turn| + by_rounding.
-        hidden = np.abs(turns) + by_rounding >= SMALLEST_TURN
-        rounded = ~straight & (np.abs(turns) <= by_rounding) & ~hidden
+        corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * rounding_turns)
+        # The true turn is at most |turn| + rounding_turns
+        hidden = np.abs(turns) + rounding_turns >= MIN_CORNER_RADIANS
+        rounded = ~straight & (np.abs(turns) <= rounding_turns) & ~hidden
         unclear = ~straight & ~corners & ~rounded
         # Only where numbers are seen to be rounded may nodes in line hide a corner.
         unclear |= straight & hidden & np.any(rounded | unclear)
-        unclear |= _restless(np.where(corners & (np.abs(turns) < SLIGHT), turns, 0.0), ~hidden)
+        unclear |= _find_rounding_patterns(
+            np.where(corners & (np.abs(turns) < SLIGHT_TURN_RADIANS), turns, 0.0), ~hidden
+        )
     if unclear.any():
         worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
             f"{where}: the boundary turns by {np.degrees(abs(turns[worst])):.2g} degrees at node "
-            f"{node(points, line[worst])}, where coordinates are rounded by up to {by_digits[worst]:.1g}; "
-            f"it is not clear whether there is a corner; {GIVE_IT}"
+            f"{describe_node(points, line[worst])}, where coordinates are rounded by up to "
+            f"{point_errors[worst]:.1g}; it is not clear whether there is a corner; {POLYGON_ADVICE}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:
         raise InputError(
             f"{where}: the boundary turns at {np.count_nonzero(corners)} nodes, and a polygon has at most "
             f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
         )
-    _check_runs(points, line, corners, by_digits, where)
+    _check_straightness(points, line, corners, point_errors, where)
     turn = float(np.abs(turns[rounded]).max(initial=0.0))
     return Outline(Polygon(places[corners], Path(where).stem), line[rounded], turn)
 
 
-def largest_turns(places: Array, radii: Array) -> Array:
-    """(n,) the largest turn by rounding at each node of a closed line, with places (n, 2) within `radii`.
+def largest_turns(points: Array, errors: Array) -> Array:
+    """The largest turn, in radians, that rounding explains at each node of a closed line, (n,).
 
     An edge whose ends move by r and s turns by at most arcsin((r + s) / length), or by any angle.
     """
-    lengths = np.hypot(*(np.roll(places, -1, axis=0) - places).T)
-    share = (radii + np.roll(radii, -1)) / lengths
+    lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    share = (errors + np.roll(errors, -1)) / lengths
     turned = np.where(share < 1, np.arcsin(np.minimum(share, 1.0)), np.pi)
     return turned + np.roll(turned, 1)
 
 
-def _restless(turns: Array, smallest: Mask) -> Mask:
-    """(n,) the nodes whose slight `turns` tell of another rounding; other turns are given as 0.
+def _find_rounding_patterns(turns: Array, below_min_turn: Mask) -> Mask:
+    """Mask (n,) of the nodes whose slight turns alternate, or stand alone, as on a side once rounded.
 
-    Those are the second of four in a row that alternate in sign, and one of the `smallest` without a
+    Those are the second of four in a row that alternate in sign, and one of the `below_min_turn` without a
     neighbour that turns the same way, as each node of an arc has.
     """
-    after, before = turns * np.roll(turns, -1), turns * np.roll(turns, 1)
+    after = turns * np.roll(turns, -1)
+    before = turns * np.roll(turns, 1)
     alternating = (before < 0) & (after < 0) & (np.roll(after, -1) < 0)
-    lone = smallest & (turns != 0) & (before <= 0) & (after <= 0)
+    lone = below_min_turn & (turns != 0) & (before <= 0) & (after <= 0)
     return alternating | lone
 
 
-def _check_runs(points: Array, line: Index, corners: Mask, radii: Array, where: str) -> None:
-    """Raises InputError unless all nodes between two corners are within their `radii` (n,) of the chord.
+def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array, where: str) -> None:
+    """Raises InputError unless all nodes between two corners are within their `errors` (n,) of the chord.
 
     The ends of the chord may be off, too, and the chord between them is off by no more. Many turns, each as
     small as rounding, are no straight side.
@@ -123,55 +137,60 @@ def _check_runs(points: Array, line: Index, corners: Mask, radii: Array, where: 
     ends = np.flatnonzero(corners)
     if len(ends) < 3:
         raise InputError(
-            f"{where}: the boundary has {counted(len(ends), 'corner')} that rounding does not explain, and a "
-            f"polygon has three; {GIVE_IT}"
+            f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and "
+            f"a polygon has three; {POLYGON_ADVICE}"
         )
+    # The corners a and b between which each node lies, and its distance |(b - a) x (p - a)| / |b - a|
     run = np.searchsorted(ends, np.arange(len(line)), side="right") - 1
-    a, b = ends[run], ends[(run + 1) % len(ends)]
-    chord, places = points[line[b]] - points[line[a]], points[line]
+    a = ends[run]
+    b = ends[(run + 1) % len(ends)]
+    chord = points[line[b]] - points[line[a]]
+    places = points[line]
     away = np.abs(cross(chord, places - points[line[a]])) / np.hypot(*chord.T)
-    bent = ~corners & (away > radii + np.maximum(radii[a], radii[b]))
+    bent = ~corners & (away > errors + np.maximum(errors[a], errors[b]))
     if bent.any():
         worst = int(np.where(bent, away, 0.0).argmax())
         raise InputError(
-            f"{where}: the boundary bends between node {node(points, line[a[worst]])} and node "
-            f"{node(points, line[b[worst]])}, by {away[worst]:.2g} at node {node(points, line[worst])}, in "
-            f"turns that are each as small as rounding; {GIVE_IT}"
+            f"{where}: the boundary bends between node {describe_node(points, line[a[worst]])} and node "
+            f"{describe_node(points, line[b[worst]])}, by {away[worst]:.2g} at node "
+            f"{describe_node(points, line[worst])}, in turns that are each as small as rounding; "
+            f"{POLYGON_ADVICE}"
         )
 
 
-def closed_line(points: Array, triangles: Index, where: str) -> Index:
-    """(nb,) the nodes along the triangles' boundary, anticlockwise, from the one of least number on.
+def order_boundary_nodes(points: Array, triangles: Index, where: str) -> Index:
+    """The nodes along the triangles' boundary, anticlockwise, from the one of least number on, (nb,).
 
     Raises InputError for a boundary that is not one closed line.
     """
     check_arrays(points, triangles, where)
-    check_distinct(float(np.hypot(*np.ptp(points, axis=0))), points, where)
-    edges = boundary_edges(points, anticlockwise(points, triangles), where)
+    check_distinct_nodes(float(np.hypot(*np.ptp(points, axis=0))), points, where)
+    edges = find_boundary_edges(points, orient_anticlockwise(points, triangles), where)
     after = np.full(len(points), -1)
     after[edges[:, 0]] = edges[:, 1]
     line = [int(edges[:, 0].min())]
     while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
         line.append(int(after[line[-1]]))
     if len(line) < len(edges):
-        why = _why_no_line(points, triangles, edges)
+        why = _explain_boundary_fault(points, triangles, edges)
         raise InputError(f"{where}: the triangles' boundary must be one closed line; {why}")
     return np.array(line)
 
 
-def _why_no_line(points: Array, triangles: Index, edges: Index) -> str:
-    """What is wrong with triangles whose boundary edges (nb, 2) are not one closed line."""
-    parts = _connected(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
-    if parts > 1:
-        return f"they are {parts} separate parts, of which one may be given"
+def _explain_boundary_fault(points: Array, triangles: Index, edges: Index) -> str:
+    """The reason why boundary edges are not one closed line, as words for a message."""
+    components = _count_components(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
+    if components > 1:
+        return f"they are {components} separate parts, of which one may be given"
     twice = np.flatnonzero(np.bincount(edges[:, 0]) > 1)
     if twice.size:
-        return f"it meets itself at node {node(points, twice[0])}"
-    lines = _connected(len(points), edges) - (len(points) - len(np.unique(edges)))
+        return f"it meets itself at node {describe_node(points, twice[0])}"
+    # Nodes inside, which no boundary edge has, are components of their own
+    lines = _count_components(len(points), edges) - (len(points) - len(np.unique(edges)))
     return f"it has {lines} such lines, and there may be no holes"
 
 
-def _connected(n: int, edges: Index) -> int:
+def _count_components(n: int, edges: Index) -> int:
     """The number of parts of a graph with n nodes."""
     import scipy.sparse as sp
     from scipy.sparse.csgraph import connected_components

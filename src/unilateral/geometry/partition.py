@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Index, Mask, floats
+from unilateral.arrays import Array, Index, Mask, read_floats
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
 
 VERTEX_TOLERANCE = 1e-12
 """Arc lengths that differ by this part of the perimeter are the same place, for they are rounded like it.
 
-In `balanced` it is the part of a cell's length that rounding may add to it.
+In `balance_cells` it is the part of a cell's length that rounding may add to it.
 """
 
 
@@ -34,42 +34,45 @@ class Partition:
     points: Array
 
     def __post_init__(self) -> None:
-        points = floats(self.points, "partition")
+        points = read_floats(self.points, "partition")
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
-        _check(self.polygon, points)
+        _check_arc_lengths(self.polygon, points)
 
     def __repr__(self) -> str:
         return f"Partition of '{self.polygon.name}': {self.n_cells} cells, H = {self.H:.4g}"
 
     @property
     def n_cells(self) -> int:
+        """The number of cells."""
         return len(self.points) - 1
 
     @cached_property
     def lengths(self) -> Array:
-        """(m,) the cells' lengths H_i."""
+        """The lengths H_i of the cells, (m,)."""
         return np.diff(self.points)
 
     @cached_property
     def side(self) -> Index:
-        """(m,) the side of the polygon each cell lies on."""
+        """The side of the polygon on which each cell lies, (m,)."""
         return self.polygon.sides_of(self.points[:-1])
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """(m, 2), (m, 2) the places where the cells start and end."""
+        """The points at which the cells start, and those at which they end, (m, 2) each."""
         starts = self.polygon.starts[self.side]
-        first, last = (self.polygon.at(self.side, s - starts) for s in (self.points[:-1], self.points[1:]))
+        first = self.polygon.at(self.side, self.points[:-1] - starts)
+        last = self.polygon.at(self.side, self.points[1:] - starts)
         return first, last
 
     def means(self, values: Array, points: Array) -> Array:
-        """(k,) means, between arc lengths `points` (k + 1,), of what has the values (m,) on the cells."""
+        """Means (k,) between arc lengths (k + 1,) of the function that has the values (m,) on the cells."""
+        # The integral from 0 to s is linear on each cell, so that interpolation is exact
         integral = np.append(0.0, np.cumsum(self.lengths * values))
         return np.diff(np.interp(points, self.points, integral)) / np.diff(points)
 
     def cells_of(self, finer: Array) -> Index:
-        """(k,) the cell that contains each interval between the points (k + 1,) of a finer partition.
+        """The cell that contains each interval between the points `finer` (k + 1,) of a partition, (k,).
 
         Raises InputError if a point of this one is not, up to round-off, among them.
         """
@@ -83,7 +86,7 @@ class Partition:
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
     def has_inside(self, s: Array) -> Mask:
-        """(m,) whether an arc length of s (k,) lies inside the cell and not, up to round-off, at an end."""
+        """Whether an arc length of s lies inside the cell and not, up to round-off, at an end, (m,)."""
         cell = np.searchsorted(self.points, s, side="right") - 1
         to_end = np.abs(s[:, None] - self.points).min(axis=1)
         has_one = np.zeros(self.n_cells, dtype=bool)
@@ -107,14 +110,15 @@ class Partition:
         return float(np.maximum(ratio, 1 / ratio).max())
 
 
-def overlay(one: Array, other: Array) -> tuple[Array, Index, Index]:
+def overlay(first: Array, second: Array) -> tuple[Array, Index, Index]:
     """The arc lengths (k + 1,) of two divisions together, and the part (k,) of each for every interval."""
-    points = np.union1d(one, other)
-    of_one, of_other = (np.searchsorted(s, points[:-1], side="right") - 1 for s in (one, other))
-    return points, of_one, of_other
+    points = np.union1d(first, second)
+    first_index = np.searchsorted(first, points[:-1], side="right") - 1
+    second_index = np.searchsorted(second, points[:-1], side="right") - 1
+    return points, first_index, second_index
 
 
-def uniform(polygon: Polygon, H: float) -> Partition:
+def make_uniform_partition(polygon: Polygon, H: float) -> Partition:
     """Every side cut into equal cells, as few as keep them no longer than H."""
     return Partition(polygon, polygon.divided(polygon.counts(H)))
 
@@ -124,7 +128,7 @@ def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
 
     Raises InputError if the points miss a vertex, do not increase strictly, or leave [0, perimeter].
     """
-    snapped = floats(points, "partition")
+    snapped = read_floats(points, "partition")
     if snapped.size:
         distance = np.abs(snapped[None] - polygon.starts[:, None])
         vertex = np.flatnonzero(distance.min(axis=1) <= VERTEX_TOLERANCE * polygon.perimeter)
@@ -132,7 +136,7 @@ def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
     return Partition(polygon, snapped)
 
 
-def shifted(polygon: Polygon, H: float, fraction: float) -> Partition:
+def make_shifted_partition(polygon: Polygon, H: float, fraction: float) -> Partition:
     """The uniform partition with the points inside each side moved forward by `fraction` of a cell.
 
     The vertices stay: the first cell of a side grows and its last shrinks. Raises InputError for a fraction
@@ -140,30 +144,34 @@ def shifted(polygon: Polygon, H: float, fraction: float) -> Partition:
     """
     if not 0 <= fraction < 1:
         raise InputError(f"partition: the shift {fraction:g} is not in [0, 1), a fraction of a cell")
-    cells = uniform(polygon, H)
+    cells = make_uniform_partition(polygon, H)
     inside = ~np.isin(cells.points[:-1], polygon.starts)
-    moved = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
-    return Partition(polygon, np.append(moved, polygon.perimeter))
+    shifted = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
+    return Partition(polygon, np.append(shifted, polygon.perimeter))
 
 
 def common_refinement(partitions: Sequence[Partition]) -> Partition:
     """The coarsest partition that refines all given ones; points that differ by round-off count as one."""
     polygon = partitions[0].polygon
-    points = np.unique(np.concatenate([polygon.starts, *(each.points for each in partitions)]))
+    points = np.unique(np.concatenate([polygon.starts, *(partition.points for partition in partitions)]))
     new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
     return from_points(polygon, points[new])
 
 
-def refine(partition: Partition, parts: int = 2) -> Partition:
+def divide_cells(partition: Partition, count: int = 2) -> Partition:
     """The partition with every cell cut into that many equal ones."""
-    at = np.arange(parts * partition.n_cells + 1) / parts
-    return Partition(partition.polygon, np.interp(at, np.arange(partition.n_cells + 1), partition.points))
+    positions = np.arange(count * partition.n_cells + 1) / count
+    return Partition(
+        partition.polygon, np.interp(positions, np.arange(partition.n_cells + 1), partition.points)
+    )
 
 
-def balanced(partition: Partition) -> Partition:
+def balance_cells(partition: Partition) -> Partition:
     """The partition with cells halved until none is over twice as long as a neighbour, but for round-off."""
     while True:
-        s, lengths = partition.points, partition.lengths
+        s = partition.points
+        lengths = partition.lengths
+        # A halved cell may be too long still, or make a neighbour so
         beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))
         long = lengths > (2 + VERTEX_TOLERANCE) * beside
         if not long.any():
@@ -172,7 +180,7 @@ def balanced(partition: Partition) -> Partition:
         partition = Partition(partition.polygon, np.sort(np.append(s, middle[long])))
 
 
-def _check(polygon: Polygon, points: Array) -> None:
+def _check_arc_lengths(polygon: Polygon, points: Array) -> None:
     inside = (points >= 0) & (points <= polygon.perimeter)
     wrong = np.flatnonzero(~(inside & (np.diff(points, prepend=-np.inf) > 0)))
     if wrong.size:

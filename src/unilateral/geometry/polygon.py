@@ -8,19 +8,20 @@ from importlib import resources
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, floats, read_only
-from unilateral.errors import InputError, meant, shown
+from unilateral.arrays import Array, Index, Mask, make_read_only, read_floats
+from unilateral.errors import InputError, quote_input, suggest_name
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
-from unilateral.system.declarations import own
+from unilateral.system.declarations import read_stored_yaml
 
 MAX_VERTICES = 1000
 """Polygons with more vertices are taken for a mistake, such as curves that are drawn by points."""
-TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
+TOO_MANY_VERTICES = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
-SMALLEST, LARGEST = 1e-75, 1e75
+MIN_POLYGON_EXTENT = 1e-75
+MAX_COORDINATE = 1e75
 """The limits of lengths and coordinates, so that squares of areas are normal numbers."""
-MOST = 10_000_000
+MAX_BOUNDARY_PIECES = 10_000_000
 """The boundary may be divided into this many pieces; their numbers alone take 80 MB."""
 
 
@@ -58,9 +59,9 @@ class Polygon:
 
     def __post_init__(self) -> None:
         pairs = "its vertices have to be pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
-        vertices = read_only(floats(self.vertices, f"polygon '{self.name}'", pairs))
+        vertices = make_read_only(read_floats(self.vertices, f"polygon '{self.name}'", pairs))
         object.__setattr__(self, "vertices", vertices)
-        _check(vertices, self.name)
+        _check_vertices(vertices, self.name)
 
     def __repr__(self) -> str:
         return f"Polygon '{self.name}': {self.n_sides} sides, area {self.area:.4g}"
@@ -72,72 +73,81 @@ class Polygon:
 
     @property
     def n_sides(self) -> int:
+        """The number of sides."""
         return len(self.vertices)
 
     @cached_property
     def edges(self) -> Array:
-        """(n, 2) vectors along the sides."""
-        return read_only(np.roll(self.vertices, -1, axis=0) - self.vertices)
+        """The vectors along the sides, from vertex i to vertex i + 1, (n, 2)."""
+        return make_read_only(np.roll(self.vertices, -1, axis=0) - self.vertices)
 
     @cached_property
     def lengths(self) -> Array:
-        """(n,) lengths of the sides."""
-        return read_only(np.hypot(*self.edges.T))
+        """Lengths of the sides, (n,)."""
+        return make_read_only(np.hypot(*self.edges.T))
 
     @cached_property
     def starts(self) -> Array:
-        """(n + 1,) arc lengths of the vertices, the perimeter last."""
-        return read_only(np.concatenate([[0.0], np.cumsum(self.lengths)]))
+        """Arc lengths of the vertices, the perimeter last, (n + 1,)."""
+        return make_read_only(np.concatenate([[0.0], np.cumsum(self.lengths)]))
 
     @cached_property
     def stretch(self) -> Array:
-        """(n,) how far the differences of `starts` may be from the exact lengths, relative to these."""
-        return read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
+        """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,)."""
+        # kappa of Proposition S7: the sums of lengths in `starts` are rounded as the perimeter is
+        return make_read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
     @property
     def perimeter(self) -> float:
+        """The length of the boundary."""
         return float(self.starts[-1])
 
     @cached_property
     def tangents(self) -> Array:
-        """(n, 2) unit vectors along the sides."""
-        return read_only(self.edges / self.lengths[:, None])
+        """Unit vectors along the sides, (n, 2)."""
+        return make_read_only(self.edges / self.lengths[:, None])
 
     @cached_property
     def normals(self) -> Array:
-        """(n, 2) outward unit normals of the sides."""
-        return read_only(np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]]))
+        """Outward unit normals of the sides, (n, 2)."""
+        return make_read_only(np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]]))
 
     @cached_property
     def angles(self) -> Array:
-        """(n,) interior angles at the vertices, in radians."""
+        """Interior angles at the vertices, in radians, (n,)."""
         before = np.roll(self.tangents, 1, axis=0)
         turn = np.arctan2(cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
-        return read_only(np.pi - turn)
+        return make_read_only(np.pi - turn)
 
     @cached_property
     def area(self) -> float:
-        moved = self.vertices - self.vertices[0]
-        return 0.5 * float(np.sum(cross(moved, np.roll(moved, -1, axis=0))))
+        """The area of Omega."""
+        # Half the sum of x_i x x_(i+1), from vertex 0, so that nothing cancels far from the origin
+        offsets = self.vertices - self.vertices[0]
+        return 0.5 * float(np.sum(cross(offsets, np.roll(offsets, -1, axis=0))))
 
     @cached_property
     def diameter(self) -> float:
+        """The largest distance of two vertices."""
         return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
 
     def sides_of(self, s: Array) -> Index:
-        """(k,) the sides on which the arc lengths s (k,) of the perimeter lie, at a vertex the later one."""
+        """The sides on which arc lengths s of the perimeter lie, at a vertex the later one, (k,)."""
         return np.searchsorted(self.starts, s, side="right") - 1
 
     def contains(self, points: Array) -> Mask:
-        """(...) whether the points (..., 2) lie inside: a ray to the right crosses an odd number of sides."""
-        (x0, y0), (x1, y1) = self.vertices.T, np.roll(self.vertices, -1, axis=0).T
-        x, y = points[..., :1], points[..., 1:]
+        """Whether each point (..., 2) is inside: a ray to the right crosses an odd number of sides, (...)."""
+        (x0, y0) = self.vertices.T
+        (x1, y1) = np.roll(self.vertices, -1, axis=0).T
+        x = points[..., :1]
+        y = points[..., 1:]
+        # Horizontal sides are crossed by no ray: y0 > y and y1 > y agree, whatever the quotient is
         with np.errstate(all="ignore"):
             crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return np.asarray(crossed.sum(axis=-1) % 2 == 1)
 
     def point(self, side: int, t: float) -> Array:
-        """(2,) the point that lies t side lengths along a side."""
+        """The point that lies t side lengths along a side, (2,)."""
         return self.at(np.array([side]), np.array([t * self.lengths[side]]))[0]
 
     def arc_length(self, side: int, t: float) -> float:
@@ -145,11 +155,11 @@ class Polygon:
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
     def at(self, side: Index, t: Array) -> Array:
-        """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
+        """The points of the sides (k,) at the arc lengths t (k,) from the sides' own starts, (k, 2)."""
         return self.vertices[side] + t[:, None] * self.tangents[side]
 
     def counts(self, size: float) -> Index:
-        """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
+        """The least numbers of equal pieces, no longer than `size`, into which the sides can be cut, (n,).
 
         A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
         """
@@ -157,74 +167,81 @@ class Polygon:
             raise InputError(
                 f"polygon '{self.name}' cannot be divided into pieces of size {size}; give a positive number"
             )
-        if size < self.perimeter / MOST:
+        if size < self.perimeter / MAX_BOUNDARY_PIECES:
             raise InputError(
                 f"polygon '{self.name}' cannot be divided into pieces of size {size:g}: these would be more "
-                f"than {MOST:g}; give a larger one"
+                f"than {MAX_BOUNDARY_PIECES:g}; give a larger one"
             )
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
     def divided(self, counts: Index) -> Array:
-        """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
+        """Arc lengths (sum(counts) + 1,) of the points that cut side i into counts[i] equal pieces."""
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
 
 
-def names() -> list[str]:
+def polygon_names() -> list[str]:
     """The names of the polygons that have one."""
-    return list(_named())
+    return list(_read_named_vertices())
 
 
 @cache
-def named(name: str) -> Polygon:
+def find_polygon(name: str) -> Polygon:
     """The polygon of that name in polygons.yaml. Raises InputError, with the known names, for others."""
-    if name not in _named():
-        known = ", ".join(names())
-        near = meant(name, names())
-        raise InputError(f"polygon {shown(repr(name))} is unknown; the named ones are {known}{near}")
-    return Polygon(np.array(_named()[name]), name)
+    if name not in _read_named_vertices():
+        names = ", ".join(polygon_names())
+        near = suggest_name(name, polygon_names())
+        raise InputError(f"polygon {quote_input(repr(name))} is unknown; the named ones are {names}{near}")
+    return Polygon(np.array(_read_named_vertices()[name]), name)
 
 
 def square() -> Polygon:
     """The unit square; sides bottom, right, top, left."""
-    return named("square")
+    return find_polygon("square")
 
 
 @cache
-def _named() -> dict[str, list[list[float]]]:
-    found: dict[str, list[list[float]]] = own(resources.files("unilateral.geometry") / "polygons.yaml")
-    return found
+def _read_named_vertices() -> dict[str, list[list[float]]]:
+    vertices: dict[str, list[list[float]]] = read_stored_yaml(
+        resources.files("unilateral.geometry") / "polygons.yaml"
+    )
+    return vertices
 
 
-def _check(v: Array, name: str) -> None:
-    if v.ndim != 2 or v.shape[1] != 2 or len(v) < 3:
+def _check_vertices(vertices: Array, name: str) -> None:
+    if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
         raise InputError(f"polygon '{name}' needs at least three vertices, each a pair x, y")
-    if len(v) > MAX_VERTICES:
-        raise InputError(f"polygon '{name}': {TOO_MANY.format(len(v))}")
-    if not np.all(np.isfinite(v)):
+    if len(vertices) > MAX_VERTICES:
+        raise InputError(f"polygon '{name}': {TOO_MANY_VERTICES.format(len(vertices))}")
+    if not np.all(np.isfinite(vertices)):
         raise InputError(f"polygon '{name}' has a vertex that is not finite")
-    repeated = np.flatnonzero(np.all(v == np.roll(v, -1, axis=0), axis=1))
+    repeated = np.flatnonzero(np.all(vertices == np.roll(vertices, -1, axis=0), axis=1))
     if repeated.size:
-        closed = "; it is the first one again: leave the last one out" if repeated[0] == len(v) - 1 else ""
-        raise InputError(
-            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(v[repeated[0]].tolist())}{closed}"
+        closed = (
+            "; it is the first one again: leave the last one out" if repeated[0] == len(vertices) - 1 else ""
         )
-    if np.abs(v).max() > LARGEST or np.ptp(v, axis=0).max() < SMALLEST:
+        raise InputError(
+            f"polygon '{name}' repeats its vertex {repeated[0]} "
+            f"{tuple(vertices[repeated[0]].tolist())}{closed}"
+        )
+    if np.abs(vertices).max() > MAX_COORDINATE or np.ptp(vertices, axis=0).max() < MIN_POLYGON_EXTENT:
         raise InputError(
             f"polygon '{name}' is too large or too small: squares of areas leave the range of double "
-            f"precision; make it at least {SMALLEST:g} wide or high, with coordinates of at most {LARGEST:g}"
+            f"precision; make it at least {MIN_POLYGON_EXTENT:g} wide or high, with coordinates of at most "
+            f"{MAX_COORDINATE:g}"
         )
-    lengths = np.hypot(*(np.roll(v, -1, axis=0) - v).T)
-    short, perimeter = int(lengths.argmin()), float(lengths.sum())
+    lengths = np.hypot(*(np.roll(vertices, -1, axis=0) - vertices).T)
+    short = int(lengths.argmin())
+    perimeter = float(lengths.sum())
     if lengths[short] <= np.spacing(perimeter):
         raise InputError(
             f"polygon '{name}': its side {short} is {lengths[short]:.2g} long, which is lost in "
             f"rounding beside the perimeter, {perimeter:.6g}; leave one of its vertices out"
         )
-    crossing = first_crossing(v)
+    crossing = first_crossing(vertices)
     if crossing is not None:
         raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
-    moved = v - v[0]
-    if np.sum(cross(moved, np.roll(moved, -1, axis=0))) <= 0:
+    offsets = vertices - vertices[0]
+    if np.sum(cross(offsets, np.roll(offsets, -1, axis=0))) <= 0:
         raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")

@@ -25,15 +25,15 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Int16, Int32, Mask
 
-Kind = TypeVar("Kind", Array, Int16, Int32, Mask)
+TriangleValues = TypeVar("TriangleValues", Array, Int16, Int32, Mask)
 
-CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+CYCLIC_CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Each node of a triangle and the two after it."""
-CONGRUENT = 1e-13
+CONGRUENCE_TOLERANCE = 1e-13
 """Rounding may leave edges of congruent triangles apart by this part of the longest edge of them all."""
-LONGEST = 1e-12
+LONGEST_EDGE_TOLERANCE = 1e-12
 """Because of rounding the reference edge may be shorter than the longest edge by this part of it."""
-FEW = 1000
+PROBE_TRIANGLES = 1000
 """This many triangles are looked at first: if these are not alike, all are not."""
 
 
@@ -41,186 +41,228 @@ FEW = 1000
 class Triangulation:
     """n nodes, the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
 
-    `sides` (E, 2) are the triangles at each edge, first the one in which it runs from its first end to its
-    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary, which run with it.
-    `alike` says whether all triangles are so, see `turned`.
+    `edge_triangles` (E, 2) are the triangles at each edge, first the one in which it runs from its first end
+    to its second; -1 stands for none. `boundary_edges` (nb,) are the edges along the boundary, which run with
+    it. `all_alike` says whether all triangles are so, see `rotate_to_pattern`.
     """
 
-    n: int
+    n_nodes: int
     nodes: Int32
     edges: Int32
     ends: Int32
-    sides: Int32
-    boundary: Int32
-    alike: bool = False
+    edge_triangles: Int32
+    boundary_edges: Int32
+    all_alike: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class RefinementStep:
     """A refinement: `ends` (k, 2) are those of the halved edges, whose midpoints are the nodes n, n + 1, ...
 
-    `at` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new triangles have
-    the `nodes` (c, 3). There were `before` triangles. After a uniform step the triangulation `after` it is
-    known, and the new triangles are all of its triangles, in order. Otherwise `made` has their numbers (c,),
-    those of the triangles that they come from (c,), and how often the areas of these were halved (c,).
+    `edge_triangles` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new
+    triangles have the `nodes` (c, 3). There were `n_old_triangles` triangles. After a uniform step the
+    `refined_triangulation` is known, and the new triangles are all of its triangles, in
+    order. Otherwise `children` has their numbers (c,), those of the triangles that they come from (c,), and
+    how often the areas of these were halved (c,).
     """
 
-    n: int
+    n_old_nodes: int
     ends: Int32
-    at: Int32
+    edge_triangles: Int32
     nodes: Int32
-    before: int
-    made: tuple[Int32, Int32, Int16] | None
-    after: Triangulation | None = None
+    n_old_triangles: int
+    children: tuple[Int32, Int32, Int16] | None
+    refined_triangulation: Triangulation | None = None
 
     @property
     def triangles(self) -> Int32:
-        """(c,) the numbers of the new triangles."""
-        return self.made[0] if self.made else np.arange(len(self.nodes), dtype=np.int32)
+        """The numbers of the new triangles, (c,)."""
+        return self.children[0] if self.children else np.arange(len(self.nodes), dtype=np.int32)
 
     @property
     def parent(self) -> Int32:
-        """(c,) the triangles that the new ones come from."""
-        return self.made[1] if self.made else np.tile(np.arange(self.before, dtype=np.int32), RED)
+        """The triangles from which the new ones come, (c,)."""
+        return (
+            self.children[1]
+            if self.children
+            else np.tile(np.arange(self.n_old_triangles, dtype=np.int32), RED_CHILDREN)
+        )
 
     @property
-    def halved(self) -> Int16:
-        """(c,) how often the areas of the triangles that the new ones come from were halved."""
-        return self.made[2] if self.made else np.full(len(self.nodes), 2, dtype=np.int16)
+    def area_halvings(self) -> Int16:
+        """How often the area of each new triangle's parent was halved, (c,)."""
+        return self.children[2] if self.children else np.full(len(self.nodes), 2, dtype=np.int16)
 
-    def put(self, old: Kind, new: Kind) -> Kind:
-        """(T, ...) the `old` values (before, ...) of triangles with the `new` triangles' (c, ...) put in."""
-        if self.made is None:
+    def replace_values(self, old: TriangleValues, new: TriangleValues) -> TriangleValues:
+        """Values (T, ...) of all triangles after the step: the old ones, and those of the new triangles."""
+        if self.children is None:
             return new
-        more = int(self.made[0].max()) + 1 - self.before
-        found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
-        found[self.made[0]] = new
-        return found
+        n_added = int(self.children[0].max()) + 1 - self.n_old_triangles
+        values = np.concatenate([old, np.empty((n_added, *old.shape[1:]), old.dtype)])
+        values[self.children[0]] = new
+        return values
 
-    def inherited(self, values: Kind) -> Kind:
-        """(T, ...) the values of all triangles, where the new ones have the values of their parents."""
-        return self.put(values, values[self.parent])
+    def inherit(self, values: TriangleValues) -> TriangleValues:
+        """Values (T, ...) of all triangles after the step, where new ones have those of their parents."""
+        return self.replace_values(values, values[self.parent])
 
 
-def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulation, Step]:
+def refine_triangulation(
+    triangulation: Triangulation, marked: Index | None = None
+) -> tuple[Triangulation, RefinementStep]:
     """The triangulation with the chosen triangles, by default all, cut in four, and others as that needs."""
-    E = len(of.ends)
+    E = len(triangulation.ends)
     # the edges (k,) that are halved: with any edge of a triangle its reference edge
-    cut = np.arange(E, dtype=np.int32) if chosen is None else _closure(of, chosen)
-    n, k, uniform = of.n, len(cut), len(cut) == E
-    ends, at = (of.ends, of.sides) if uniform else (of.ends[cut], of.sides[cut])
-    middle = np.full(E, -1, dtype=np.int32)
-    middle[cut] = n + np.arange(k, dtype=np.int32)
-    second = np.full(E, -1, dtype=np.int32)
-    second[cut] = E + np.arange(k, dtype=np.int32)
-    # along the refined boundary the first half of an edge comes before the second
-    halved = np.flatnonzero(middle[of.boundary] >= 0)
-    boundary = np.insert(of.boundary, halved + 1, second[of.boundary[halved]])
-    new = _Children(of, middle, second, E + k)
-    made = None if uniform else (new.triangles, new.parent, new.halved)
-    step = Step(n, ends, at, new.nodes, len(of.nodes), made)
-    found = Triangulation(
-        n + k,
-        new.nodes if uniform else step.put(of.nodes, new.nodes),
-        new.edges if uniform else step.put(of.edges, new.edges),
-        np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
-        np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
-        boundary,
-        of.alike and uniform,
+    cut = np.arange(E, dtype=np.int32) if marked is None else _edges_to_halve(triangulation, marked)
+    n = triangulation.n_nodes
+    k = len(cut)
+    uniform = len(cut) == E
+    ends, edge_triangles = (
+        (triangulation.ends, triangulation.edge_triangles)
+        if uniform
+        else (triangulation.ends[cut], triangulation.edge_triangles[cut])
     )
-    found.ends[cut, 1] = middle[cut]
-    found.sides[cut] = -1
-    reverse = found.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
-    found.sides[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
-    return found, replace(step, after=found) if uniform else step
+    # Of each edge the new node, and the number of its second half; -1 for none
+    midpoint = np.full(E, -1, dtype=np.int32)
+    midpoint[cut] = n + np.arange(k, dtype=np.int32)
+    second_half = np.full(E, -1, dtype=np.int32)
+    second_half[cut] = E + np.arange(k, dtype=np.int32)
+    # along the refined boundary the first half of an edge comes before the second
+    halved = np.flatnonzero(midpoint[triangulation.boundary_edges] >= 0)
+    boundary = np.insert(
+        triangulation.boundary_edges, halved + 1, second_half[triangulation.boundary_edges[halved]]
+    )
+    new = _Children(triangulation, midpoint, second_half, E + k)
+    children = None if uniform else (new.triangles, new.parent, new.area_halvings)
+    step = RefinementStep(n, ends, edge_triangles, new.nodes, len(triangulation.nodes), children)
+    refined = Triangulation(
+        n + k,
+        new.nodes if uniform else step.replace_values(triangulation.nodes, new.nodes),
+        new.edges if uniform else step.replace_values(triangulation.edges, new.edges),
+        np.concatenate(
+            [triangulation.ends, np.column_stack([midpoint[cut], ends[:, 1]]), new.interior_edges]
+        ),
+        np.concatenate(
+            [triangulation.edge_triangles, np.full((k + len(new.interior_edges), 2), -1, dtype=np.int32)]
+        ),
+        boundary,
+        triangulation.all_alike and uniform,
+    )
+    # A halved edge becomes its first half; its triangles are new, and enter on the side on which they run
+    refined.ends[cut, 1] = midpoint[cut]
+    refined.edge_triangles[cut] = -1
+    reverse = refined.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
+    refined.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    return refined, replace(step, refined_triangulation=refined) if uniform else step
 
 
-def _closure(of: Triangulation, chosen: Index) -> Int32:
-    """(k,) the edges to halve, increasing: those of the chosen triangles, and reference edges as needed."""
-    flag = np.zeros(len(of.ends), dtype=bool)
-    flag[of.edges[chosen]] = True
+def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
+    """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,)."""
+    flag = np.zeros(len(triangulation.ends), dtype=bool)
+    flag[triangulation.edges[marked]] = True
+    # A triangle with a halved edge needs its reference edge halved, which may hit the next triangle
     front = np.flatnonzero(flag)
     while front.size:
-        beside = of.sides[front].ravel()
-        reference = of.edges[beside[beside >= 0], 0]
+        beside = triangulation.edge_triangles[front].ravel()
+        reference = triangulation.edges[beside[beside >= 0], 0]
         front = np.unique(reference[~flag[reference]])
         flag[front] = True
     return np.flatnonzero(flag).astype(np.int32)
 
 
-WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
+INTERIOR_EDGES = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
 """The edges inside a green triangle, a blue one with ab, a blue one with ca, and a red one.
 
 An edge is given by its ends, whose numbers 0 to 5 stand for a, b, c, m_0, m_1, m_2.
 """
-CHILDREN = (
+CHILD_TRIANGLES = (
     (((3, 0, 1), (2, 3, 9)), ((3, 2, 0), (1, 9, 4))),
     (((5, 3, 0), (9, 7, 10)), ((5, 1, 3), (3, 10, 8)), ((3, 2, 0), (1, 9, 4))),
     (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
     (((0, 5, 4), (9, 6, 7)), ((5, 1, 3), (3, 10, 8)), ((4, 3, 2), (4, 5, 11)), ((3, 4, 5), (9, 10, 11))),
 )
-"""The children of the same four triangles: their nodes, numbered as in WITHIN, and their opposite edges.
+"""The children of the same four triangles: their nodes and their opposite edges.
 
-Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the halves of edge 0 at b and c, of edge 1 at c
-and a, and of edge 2 at a and b. The others lie inside.
+Nodes are numbered as in INTERIOR_EDGES. Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the
+halves of edge 0 at b and c, of edge 1 at c and a, and of edge 2 at a and b. The others lie inside.
 """
-HALVED = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
+CHILD_AREA_HALVINGS = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
 """How often the parent's area was halved for each child, in the same four triangles."""
-GREEN, BLUE, RED = 2, 3, 4
+GREEN_CHILDREN = 2
+BLUE_CHILDREN = 3
+RED_CHILDREN = 4
 """How many children a green, a blue and a red triangle have."""
 
 
 class _Children:
     """All new triangles (c,) with their nodes and edges (c, 3) and their parents (c,).
 
-    The edges `within` lie inside the parents. `halved` (c,) is how often the parents' areas were halved.
+    The edges `interior_edges` lie inside the parents. `area_halvings` (c,) is how often the parents' areas
+    were halved.
     """
 
-    def __init__(self, of: Triangulation, middle: Int32, second: Int32, edges: int) -> None:
-        """Each edge has the new node `middle` (E,) and the second half `second` (E,), or -1 for none."""
-        hit = np.zeros(len(of.nodes), dtype=bool)
-        at = of.sides[middle >= 0]
-        hit[at[at >= 0]] = True
+    def __init__(
+        self, triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
+    ) -> None:
+        """`midpoints` and `second_halves` (E,) are the new node and the second half of each edge, or -1."""
+        # Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red
+        hit = np.zeros(len(triangulation.nodes), dtype=bool)
+        beside = triangulation.edge_triangles[midpoints >= 0]
+        hit[beside[beside >= 0]] = True
         parents = np.flatnonzero(hit).astype(np.int32)
-        halved = middle[of.edges[parents]] >= 0
-        kind = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
-        count = np.array([len(each) for each in WITHIN], dtype=np.int32)[kind]
-        after = np.cumsum(count, dtype=np.int32) - count
-        self.within = np.empty((int(count.sum()), 2), dtype=np.int32)
-        self.triangles, self.parent = (np.empty(len(parents) + len(self.within), np.int32) for _ in range(2))
-        self.nodes, self.edges = (np.empty((len(self.triangles), 3), np.int32) for _ in range(2))
-        self.halved = np.empty(len(self.triangles), np.int16)
-        begin, free = 0, len(of.nodes)
-        for which, (within, children) in enumerate(zip(WITHIN, CHILDREN, strict=True)):
-            here = np.flatnonzero(kind == which)
-            some, first = parents[here], after[here]
-            nodes, halves = _local(of, some, middle, second)
+        halved = midpoints[triangulation.edges[parents]] >= 0
+        kinds = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
+        count = np.array([len(interior) for interior in INTERIOR_EDGES], dtype=np.int32)[kinds]
+        first_interior = np.cumsum(count, dtype=np.int32) - count
+        self.interior_edges = np.empty((int(count.sum()), 2), dtype=np.int32)
+        self.triangles = np.empty(len(parents) + len(self.interior_edges), np.int32)
+        self.parent = np.empty(len(parents) + len(self.interior_edges), np.int32)
+        self.nodes = np.empty((len(self.triangles), 3), np.int32)
+        self.edges = np.empty((len(self.triangles), 3), np.int32)
+        self.area_halvings = np.empty(len(self.triangles), np.int16)
+        # The first child takes its parent's number, the others take the next free ones
+        begin = 0
+        free = len(triangulation.nodes)
+        for kind, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
+            positions = np.flatnonzero(kinds == kind)
+            family = parents[positions]
+            first = first_interior[positions]
+            nodes, halves = _local_numbering(triangulation, family, midpoints, second_halves)
             inside = first[:, None] + np.arange(len(within), dtype=np.int32)
-            self.within[inside] = nodes[:, np.array(within)]
-            known = np.concatenate([halves, edges + inside], axis=1)
-            for number, (of_nodes, of_edges) in enumerate(children):
-                rows = slice(begin, begin + len(some))
-                self.triangles[rows] = np.arange(free, free + len(some)) if number else some
-                free += len(some) if number else 0
-                self.nodes[rows], self.edges[rows] = nodes[:, of_nodes], known[:, of_edges]
-                self.parent[rows], self.halved[rows] = some, HALVED[which][number]
-                begin += len(some)
+            self.interior_edges[inside] = nodes[:, np.array(within)]
+            local_edges = np.concatenate([halves, n_edges + inside], axis=1)
+            for number, (child_nodes, child_edges) in enumerate(children):
+                rows = slice(begin, begin + len(family))
+                self.triangles[rows] = np.arange(free, free + len(family)) if number else family
+                free += len(family) if number else 0
+                self.nodes[rows] = nodes[:, child_nodes]
+                self.edges[rows] = local_edges[:, child_edges]
+                self.parent[rows] = family
+                self.area_halvings[rows] = CHILD_AREA_HALVINGS[kind][number]
+                begin += len(family)
 
 
-def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tuple[Int32, Int32]:
-    """(p, 6) a, b, c and the midpoints of some triangles, (p, 9) their edges and halves as in CHILDREN."""
-    nodes, edges = of.nodes[some], of.edges[some]
-    ahead = of.ends[edges, 0] == nodes[:, [1, 2, 0]]
-    other = second[edges]
-    at_next, at_last = np.where(ahead, edges, other), np.where(ahead, other, edges)
-    halves = np.stack([at_next, at_last], axis=2).reshape(-1, 6)
-    return np.concatenate([nodes, middle[edges]], axis=1), np.concatenate([edges, halves], axis=1)
+def _local_numbering(
+    triangulation: Triangulation, parents: Int32, midpoints: Int32, second_halves: Int32
+) -> tuple[Int32, Int32]:
+    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES."""
+    # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
+    nodes = triangulation.nodes[parents]
+    edges = triangulation.edges[parents]
+    ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
+    second = second_halves[edges]
+    next_half = np.where(ahead, edges, second)
+    last_half = np.where(ahead, second, edges)
+    halves = np.stack([next_half, last_half], axis=2).reshape(-1, 6)
+    return np.concatenate([nodes, midpoints[edges]], axis=1), np.concatenate([edges, halves], axis=1)
 
 
-def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
-    """The triangulation of triangles (T, 3) `in_order`, with boundary nodes (nb,), by sorting the edges."""
-    nodes, alike = turned(points, triangles)
-    start, end = (nodes[:, turn].ravel().astype(np.int64) for turn in ([1, 2, 0], [2, 0, 1]))
+def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
+    """The triangulation of triangles with boundary nodes, whose edges are found by sorting."""
+    nodes, alike = rotate_to_pattern(points, triangles)
+    start = nodes[:, [1, 2, 0]].ravel().astype(np.int64)
+    end = nodes[:, [2, 0, 1]].ravel().astype(np.int64)
+    # An edge is told by its two nodes, the lesser one first, as one number
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     keys, where, edge = np.unique(key, return_index=True, return_inverse=True)
     ends = np.column_stack([start[where], end[where]]).astype(np.int32)
@@ -235,36 +277,39 @@ def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangula
     )
 
 
-def in_order(points: Array, triangles: Index) -> Index:
-    """(T, 3) the same triangles with a longest edge opposite to the first corner, all alike if possible."""
-    found, alike = turned(points, triangles)
-    return found if alike else longest_first(points, triangles)
+def rotate_corners(points: Array, triangles: Index) -> Index:
+    """The triangles with a longest edge opposite to the first corner, all alike if possible, (T, 3)."""
+    rotated, alike = rotate_to_pattern(points, triangles)
+    return rotated if alike else rotate_to_longest_edge(points, triangles)
 
 
-def longest_first(points: Array, triangles: Index) -> Index:
-    """(T, 3) the same corners, turned until a longest edge is opposite to the first one."""
+def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
+    """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3)."""
     x, y = points.T[:, triangles.T]
     opposite = np.hypot(x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]])
-    first = np.argmax(opposite > (1 - LONGEST) * opposite.max(axis=0), axis=0)
+    first = np.argmax(opposite > (1 - LONGEST_EDGE_TOLERANCE) * opposite.max(axis=0), axis=0)
     return np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 
-def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
+def rotate_to_pattern(points: Array, triangles: Index) -> tuple[Index, bool]:
     """Triangles (T, 3), all alike, with a longest edge opposite to the first corner, and True.
 
     If that cannot be, the triangles as they are, and False.
 
     Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
     """
-    if len(triangles) > FEW and not turned(points, triangles[:FEW])[1]:
+    if len(triangles) > PROBE_TRIANGLES and not rotate_to_pattern(points, triangles[:PROBE_TRIANGLES])[1]:
         return triangles, False
-    pattern = longest_first(points, triangles[:1])[0]
+    # The edge vectors of an alike triangle are those of the first one, or their negatives, up to rotation
+    pattern = rotate_to_longest_edge(points, triangles[:1])[0]
     model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
-    alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
+    alike = np.zeros(len(triangles), dtype=bool)
+    rotated = triangles.copy()
     for turn in range(3):
-        moved = np.roll(sides, -turn, axis=1)
-        apart = [np.abs(moved - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
-        new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
-        found[new], alike = np.roll(triangles, -turn, axis=1)[new], alike | new
-    return (found, True) if alike.all() else (triangles, False)
+        vectors = np.roll(sides, -turn, axis=1)
+        differences = [np.abs(vectors - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
+        new: Mask = ~alike & (np.minimum(*differences) <= CONGRUENCE_TOLERANCE * np.abs(sides).max())
+        rotated[new] = np.roll(triangles, -turn, axis=1)[new]
+        alike = alike | new
+    return (rotated, True) if alike.all() else (triangles, False)

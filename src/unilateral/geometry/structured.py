@@ -8,17 +8,17 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import Mesh, conforming, refine
+from unilateral.geometry.mesh import Mesh, build_conforming_mesh, refine_uniformly
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.system.optional import lacking
+from unilateral.system.optional import find_missing_packages
 
-FEWEST = 4
+COARSEST_DIVISIONS = 4
 """With at most this many squares in a unit of length no coarser mesh is sought, for it saves nothing."""
-MANY = 16
+MAX_UNIT_SQUARES = 16
 """A polygon that is wider or higher is not taken to consist of unit squares: these would be many."""
-LARGEST = 1000
+MAX_SQUARE_COORDINATE = 1000
 """The same holds where coordinates are larger than this."""
-NARROWEST = 1e-6
+MIN_SPACING_PER_DIAMETER = 1e-6
 """Coordinates that differ by less than this part of the diameter are no places for lines of a mesh."""
 
 
@@ -27,29 +27,31 @@ class TensorGrid(NamedTuple):
 
     x: Array
     y: Array
-    across: Index
-    up: Index
+    x_divisions: Index
+    y_divisions: Index
 
 
-def structured(polygon: Polygon, h: float) -> Mesh:
-    """A mesh of rectangles with sides of at most h, made by halving as coarse a mesh as leads to it.
+def make_structured_mesh(polygon: Polygon, h: float) -> Mesh:
+    """A mesh of rectangles with sides of at most h, refined from the coarsest mesh of which halvings give it.
 
-    On polygons that consist of unit squares, up to MANY in a row, these are squares of side 1 / ceil(1 / h).
-    Else every gap between neighbouring coordinates of vertices is cut into equal parts. Raises InputError
-    unless all sides are parallel to the axes.
+    On polygons that consist of unit squares, up to MAX_UNIT_SQUARES in a row, these are squares of side
+    1 / ceil(1 / h). Else every gap between neighbouring coordinates of vertices is cut into equal parts.
+    Raises InputError unless all sides are parallel to the axes.
     """
-    return _halved_from(polygon, _parts(polygon, h))
+    return _refine_from_coarsest(polygon, _make_tensor_grid(polygon, h))
 
 
-def halved_cells(polygon: Polygon, H: float) -> Mesh:
+def make_half_cell_mesh(polygon: Polygon, H: float) -> Mesh:
     """The mesh whose boundary edges 0 and 1, 2 and 3, .. are the halves of cells of the size H at most."""
-    grid = _parts(polygon, H)
-    return _halved_from(polygon, grid._replace(across=2 * grid.across, up=2 * grid.up))
+    grid = _make_tensor_grid(polygon, H)
+    return _refine_from_coarsest(
+        polygon, grid._replace(x_divisions=2 * grid.x_divisions, y_divisions=2 * grid.y_divisions)
+    )
 
 
-def _parts(polygon: Polygon, size: float) -> TensorGrid:
+def _make_tensor_grid(polygon: Polygon, size: float) -> TensorGrid:
     """The grid with the least number of equal parts, of the `size` at most, in each gap."""
-    ticks = _ticks(polygon)
+    ticks = _grid_lines(polygon)
     if ticks is None:
         raise InputError(
             f"polygon '{polygon.name}' has no structured mesh, which needs sides parallel to the axes, and "
@@ -58,76 +60,92 @@ def _parts(polygon: Polygon, size: float) -> TensorGrid:
     counts = polygon.counts(size)  # which refuses sizes that are too small
     if _consists_of_squares(polygon):
         counts = square().counts(size)
-        return TensorGrid(*ticks, *(np.full(len(each) - 1, counts[0]) for each in ticks))
+        return TensorGrid(*ticks, *(np.full(len(coordinates) - 1, counts[0]) for coordinates in ticks))
     # a quotient that rounding puts above a whole number by this part of it counts as that number
     return TensorGrid(
-        *ticks, *(np.ceil(np.diff(each) / size * (1 - 1e-12)).astype(np.intp) for each in ticks)
+        *ticks, *(np.ceil(np.diff(coordinates) / size * (1 - 1e-12)).astype(np.intp) for coordinates in ticks)
     )
 
 
-def _ticks(polygon: Polygon) -> tuple[Array, Array] | None:
+def _grid_lines(polygon: Polygon) -> tuple[Array, Array] | None:
     """Increasing coordinates in x and in y, those of all vertices among them; None if a side is slanted.
 
     So it is where two of them differ by little more than rounding.
     """
     if not np.all(np.any(polygon.edges == 0, axis=1)):
         return None
-    x, y = (np.unique(each) for each in polygon.vertices.T)
+    x = np.unique(polygon.vertices[:, 0])
+    y = np.unique(polygon.vertices[:, 1])
     if _consists_of_squares(polygon):
         return np.arange(x[0], x[-1] + 1), np.arange(y[0], y[-1] + 1)
-    least = min(np.diff(x).min(), np.diff(y).min())
-    return (x, y) if least > NARROWEST * polygon.diameter else None
+    min_spacing = min(np.diff(x).min(), np.diff(y).min())
+    return (x, y) if min_spacing > MIN_SPACING_PER_DIAMETER * polygon.diameter else None
 
 
-def _halved_from(polygon: Polygon, grid: TensorGrid) -> Mesh:
+def _refine_from_coarsest(polygon: Polygon, grid: TensorGrid) -> Mesh:
     """The mesh of the grid, refined from that of a coarser one."""
     halvings = 0
-    while (parts := np.append(grid.across, grid.up)).max() > FEWEST and not np.any(parts % 2):
-        grid, halvings = grid._replace(across=grid.across // 2, up=grid.up // 2), halvings + 1
-    return refine(_rectangles(polygon, grid), halvings)
+    while (
+        divisions := np.append(grid.x_divisions, grid.y_divisions)
+    ).max() > COARSEST_DIVISIONS and not np.any(divisions % 2):
+        grid = grid._replace(x_divisions=grid.x_divisions // 2, y_divisions=grid.y_divisions // 2)
+        halvings = halvings + 1
+    return refine_uniformly(_mesh_rectangles(polygon, grid), halvings)
 
 
-def _rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
-    x, y = grid.x, grid.y
+def _mesh_rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
+    """The mesh of the grid's rectangles in the polygon, each cut into two triangles."""
+    x = grid.x
+    y = grid.y
+    # All rectangles between two neighbouring ticks are in the polygon if the middle is
     middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
-    kept = polygon.contains(middles).repeat(grid.up, axis=0).repeat(grid.across, axis=1)
-    return conforming(polygon, *_grid(_cut(x, grid.across), _cut(y, grid.up), kept))
+    inside = polygon.contains(middles).repeat(grid.y_divisions, axis=0).repeat(grid.x_divisions, axis=1)
+    return build_conforming_mesh(
+        polygon,
+        *_split_rectangles(_divide_ticks(x, grid.x_divisions), _divide_ticks(y, grid.y_divisions), inside),
+    )
 
 
-def _cut(ticks: Array, parts: Index) -> Array:
-    """(sum(parts) + 1,) the ticks (k + 1,) with every gap cut into so many equal parts (k,)."""
-    gap = np.repeat(np.arange(len(parts)), parts)
-    inside = np.arange(len(gap)) - (np.cumsum(parts) - parts)[gap]
-    return np.append((ticks[gap] * (parts[gap] - inside) + ticks[gap + 1] * inside) / parts[gap], ticks[-1])
+def _divide_ticks(ticks: Array, divisions: Index) -> Array:
+    """The ticks with each spacing cut into so many equal ones, (sum(divisions) + 1,)."""
+    gap = np.repeat(np.arange(len(divisions)), divisions)
+    inside = np.arange(len(gap)) - (np.cumsum(divisions) - divisions)[gap]
+    return np.append(
+        (ticks[gap] * (divisions[gap] - inside) + ticks[gap + 1] * inside) / divisions[gap], ticks[-1]
+    )
 
 
-def natural_kind(polygon: Polygon) -> str:
+def default_mesh_kind(polygon: Polygon) -> str:
     """The kind of mesh that a polygon gets if nobody asks for another one.
 
     It is structured if the polygon consists of unit squares and, where gmsh is not installed, also if its
     sides are parallel to the axes.
     """
-    has_one = _consists_of_squares(polygon) or (lacking("gmsh") and _ticks(polygon))
+    has_one = _consists_of_squares(polygon) or (find_missing_packages("gmsh") and _grid_lines(polygon))
     return "structured" if has_one else "unstructured"
 
 
 def _consists_of_squares(polygon: Polygon) -> bool:
     """Whether sides run between whole numbers, of which there are few."""
-    whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
-    small = polygon.largest <= LARGEST and np.ptp(polygon.vertices, axis=0).max() <= MANY
-    return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
+    has_integers = np.array_equal(polygon.vertices, np.round(polygon.vertices))
+    is_small = (
+        polygon.largest <= MAX_SQUARE_COORDINATE
+        and np.ptp(polygon.vertices, axis=0).max() <= MAX_UNIT_SQUARES
+    )
+    return bool(has_integers and is_small and np.all(np.any(polygon.edges == 0, axis=1)))
 
 
-def tensor(ticks: Array) -> Mesh:
+def make_tensor_mesh(ticks: Array) -> Mesh:
     """The mesh of the unit `square` with rectangles between the ticks (n + 1,), from 0 to 1, in x and y."""
     n = len(ticks) - 1
-    return conforming(square(), *_grid(ticks, ticks, np.ones((n, n), dtype=bool)))
+    return build_conforming_mesh(square(), *_split_rectangles(ticks, ticks, np.ones((n, n), dtype=bool)))
 
 
-def _grid(x: Array, y: Array, kept: Mask) -> tuple[Array, Index]:
-    """Points and triangles of the cells kept[j, i] of the grid with the ticks x (m,) and y (n,)."""
+def _split_rectangles(x: Array, y: Array, inside: Mask) -> tuple[Array, Index]:
+    """Points and triangles of the rectangles inside[j, i] of the grid with the ticks x (m,) and y (n,)."""
     m = len(x)
-    j, i = np.nonzero(kept)
+    j, i = np.nonzero(inside)
+    # Node (i, j) of the grid has the number j m + i; a is the lower left one of a rectangle
     a = j * m + i
     triangles = np.stack([a, a + 1, a + m + 1, a, a + m + 1, a + m], axis=1).reshape(-1, 3)
     used = np.zeros(m * len(y), dtype=bool)

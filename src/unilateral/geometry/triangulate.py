@@ -10,44 +10,46 @@ from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
 from unilateral.system.signals import keeping_handlers
 
-LIBRARIES = "libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1"
+GMSH_LIBRARIES = "libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1"
 """What gmsh loads, as Debian names it."""
 
 try:
     import gmsh
 except OSError as error:
     raise InputError(
-        f"gmsh does not load ({error}); on Debian or Ubuntu type: sudo apt-get install {LIBRARIES}"
+        f"gmsh does not load ({error}); on Debian or Ubuntu type: sudo apt-get install {GMSH_LIBRARIES}"
     ) from None
 
-OPTIONS = {
+GMSH_OPTIONS = {
     "General.Terminal": 0,
     "General.NumThreads": 1,
     "Mesh.Algorithm": 6,
 }
 
 
-def triangulate(edges: Partition, growth: float | None = None) -> tuple[Array, Index]:
+def triangulate(boundary_edges: Partition, growth: float | None = None) -> tuple[Array, Index]:
     """Points (n, 2) and anticlockwise triangles (m, 3), whose boundary edges are exactly the given ones.
 
     The triangles' size follows the boundary edges' or, with `growth`, is the smallest over the boundary of
     the edges' length plus `growth` times the distance.
     """
-    polygon, exact = edges.polygon, edges.ends[0]
+    polygon = boundary_edges.polygon
+    exact = boundary_edges.ends[0]
     scale = polygon.diameter
     with keeping_handlers():
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
-        for option, value in OPTIONS.items():
+        for option, value in GMSH_OPTIONS.items():
             gmsh.option.setNumber(option, value)
-        nodes = _boundary((exact - polygon.vertices[0]) / scale)
+        nodes = _add_boundary((exact - polygon.vertices[0]) / scale)
         if growth is not None:
-            _set_sizes(nodes, edges.lengths / scale, growth)
+            _set_sizes(nodes, boundary_edges.lengths / scale, growth)
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         cells = gmsh.model.mesh.getElementsByType(2)[1]
     finally:
         gmsh.finalize()
+    # gmsh's nodes by their tags, from a unit domain about 0, and those of the boundary as they were given
     used, triangles = np.unique(cells, return_inverse=True)
     order = np.argsort(tags)
     places = coordinates.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)], :2]
@@ -56,7 +58,7 @@ def triangulate(edges: Partition, growth: float | None = None) -> tuple[Array, I
     return points, triangles.reshape(-1, 3)
 
 
-def _boundary(points: Array) -> list[int]:
+def _add_boundary(points: Array) -> list[int]:
     """Tags of the boundary points; every line between neighbours is one edge of the mesh."""
     nodes = [gmsh.model.geo.addPoint(x, y, 0) for x, y in points]
     lines = [gmsh.model.geo.addLine(a, b) for a, b in zip(nodes, nodes[1:] + nodes[:1], strict=True)]
@@ -67,12 +69,13 @@ def _boundary(points: Array) -> list[int]:
     return nodes
 
 
-def _set_sizes(nodes: list[int], edges: Array, growth: float) -> None:
+def _set_sizes(nodes: list[int], lengths: Array, growth: float) -> None:
     """Sets the mesh size by the boundary edges, each after its node, with one distance per power of two."""
     for option in ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints"):
         gmsh.option.setNumber(option, 0)
     field = gmsh.model.mesh.field
-    near = np.minimum(edges, np.roll(edges, 1))
+    # Of the nodes whose edges have about the size 2^p: size = that of the longest + growth * distance
+    near = np.minimum(lengths, np.roll(lengths, 1))
     power = np.round(np.log2(near)).astype(int)
     formulas = []
     for p in np.unique(power):

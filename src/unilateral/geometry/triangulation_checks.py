@@ -7,23 +7,23 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry import rounding
+from unilateral.geometry import coordinate_rounding
 from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
-NEAR = 1e-6
+MAX_MOVE_PER_HEIGHT = 1e-6
 """A boundary node may lie beside its side by this part of the least height of the triangles at the node.
 
 Moved onto the side, it changes gradients there by about that part. The bounds are those of the moved mesh.
 """
-MOVED = 0.1
+MAX_ROUNDED_MOVE = 0.1
 """A node whose coordinates are seen to be rounded may lie beside its side as far as rounding explains, but by
 no more than this part of that height, so that no triangle is turned over."""
-BESIDE = 0.5
+STRAY_PER_HEIGHT = 0.5
 """A node beside a side by less than this part of that height is told of as one that belongs there."""
-SAME_POINT = 1e-12
+MIN_DISTANCE_PER_DIAMETER = 1e-12
 """Nodes nearer than this part of the domain's diameter are one node listed twice."""
-FLAT = 1e-12
+MIN_AREA_RATIO = 1e-12
 """Triangles whose area is below this part of their own longest edge squared are degenerate."""
 
 
@@ -32,9 +32,9 @@ def round_off(polygon: Polygon) -> float:
     return 8 * EPS * (polygon.perimeter + polygon.largest)
 
 
-def node(points: Array, number: int) -> str:
+def describe_node(points: Array, node: int) -> str:
     """A node as it appears in messages."""
-    return f"{number} ({points[number, 0]:.6g}, {points[number, 1]:.6g})"
+    return f"{node} ({points[node, 0]:.6g}, {points[node, 1]:.6g})"
 
 
 def check_arrays(points: Array, triangles: Index, where: str) -> None:
@@ -54,32 +54,36 @@ def check_arrays(points: Array, triangles: Index, where: str) -> None:
         )
     unused = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(points)) == 0)
     if unused.size:
-        raise InputError(f"{where}: node {node(points, unused[0])} belongs to no triangle; leave it out")
+        raise InputError(
+            f"{where}: node {describe_node(points, unused[0])} belongs to no triangle; leave it out"
+        )
 
 
-def anticlockwise(points: Array, triangles: Index) -> Index:
-    """(m, 3) the triangles with their nodes anticlockwise: those that run clockwise are reversed."""
+def orient_anticlockwise(points: Array, triangles: Index) -> Index:
+    """The triangles with their nodes anticlockwise: those that run clockwise are reversed, (m, 3)."""
     clockwise = signed_areas(points, triangles) < 0
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
 
-def check_distinct(diameter: float, points: Array, where: str) -> None:
+def check_distinct_nodes(diameter: float, points: Array, where: str) -> None:
     """Raises InputError if two nodes coincide, on a domain of that diameter."""
     from scipy.spatial import cKDTree  # which meshes that are made here do not need
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
-    near = SAME_POINT * (diameter or 1.0)  # it is 0 where all nodes coincide
+    near = MIN_DISTANCE_PER_DIAMETER * (diameter or 1.0)  # it is 0 where all nodes coincide
     distance, nearest = tree.query(points, k=2, distance_upper_bound=near)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))
     if twice.size:
         first = int(twice[0])
         second = int(nearest[first][nearest[first] != first][0])
-        raise InputError(f"{where}: node {second} repeats node {node(points, first)}; list every node once")
+        raise InputError(
+            f"{where}: node {second} repeats node {describe_node(points, first)}; list every node once"
+        )
 
 
 def check_areas(points: Array, triangles: Index, where: str) -> None:
     """Raises InputError if a triangle is degenerate."""
-    flat = signed_areas(points, triangles) <= FLAT * longest_edges(points, triangles) ** 2
+    flat = signed_areas(points, triangles) <= MIN_AREA_RATIO * longest_edges(points, triangles) ** 2
     if flat.any():
         k = int(flat.argmax())
         raise InputError(
@@ -87,13 +91,15 @@ def check_areas(points: Array, triangles: Index, where: str) -> None:
         )
 
 
-def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
-    """(nb, 2) the edges that belong to one triangle only, directed as in it.
+def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
+    """The edges that belong to one triangle only, directed as in it, (nb, 2).
 
     Raises InputError if two triangles lie on the same side of an edge, as of any three at least two do.
     """
     n = len(points)
-    a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    a = triangles.ravel()
+    b = np.roll(triangles, -1, axis=1).ravel()
+    # An edge {a, b} is told by min * n + max, and its direction by the last bit: sorted, its triangles meet
     keys = np.sort(2 * (np.minimum(a, b) * n + np.maximum(a, b)) + (a > b))
     edges = keys >> 1
     crowded = np.flatnonzero(keys[1:] == keys[:-1])
@@ -101,8 +107,8 @@ def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
         low, high = divmod(int(edges[crowded[0]]), n)
         count = np.count_nonzero(edges == edges[crowded[0]])
         raise InputError(
-            f"{where}: the edge from node {node(points, low)} to node {node(points, high)} belongs to "
-            f"{count} triangles, two of them on the same side; it may have one on either side"
+            f"{where}: the edge from node {describe_node(points, low)} to node {describe_node(points, high)} "
+            f"belongs to {count} triangles, two of them on the same side; it may have one on either side"
         )
     repeated = edges[1:] == edges[:-1]
     once = ~(np.append(repeated, False) | np.append(False, repeated))
@@ -110,79 +116,102 @@ def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     return np.where((keys[once] & 1)[:, None] == 1, pairs[:, ::-1], pairs)
 
 
-def least_heights(points: Array, triangles: Index, edges: Index) -> Array:
-    """(n,) the least height of the triangles at each node of the boundary edges (nb, 2); 0 at other nodes."""
-    found = np.full(len(points), np.inf)
-    found[np.delete(np.arange(len(points)), edges)] = 0.0
-    there = triangles[np.isinf(found)[triangles].any(axis=1)]
-    heights = 2 * np.abs(signed_areas(points, there)) / longest_edges(points, there)
-    np.minimum.at(found, there, heights[:, None])
-    return found
+def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
+    """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,)."""
+    lowest = np.full(len(points), np.inf)
+    lowest[np.delete(np.arange(len(points)), edges)] = 0.0
+    selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
+    # A triangle's least height is twice its area over its longest edge
+    heights = 2 * np.abs(signed_areas(points, selected)) / longest_edges(points, selected)
+    np.minimum.at(lowest, selected, heights[:, None])
+    return lowest
 
 
-def reach(polygon: Polygon, points: Array, edges: Index, heights: Array, rounded: bool) -> Array:
-    """(n,) how far nodes of the boundary edges (nb, 2) may lie beside their side; round-off for others.
+def allowed_distances(
+    polygon: Polygon, points: Array, edges: Index, heights: Array, may_be_rounded: bool
+) -> Array:
+    """How far each node of the boundary edges may lie beside its side, round-off for other nodes, (n,).
 
-    The `heights` are the `least_heights`. If coordinates may be `rounded`, nodes and the side's ends are each
-    as far from their true places as `rounding` tells.
+    The `heights` are the `min_heights`. If coordinates `may_be_rounded`, nodes and the side's ends are each
+    as far from their true places as `max_point_error` says.
     """
-    found = NEAR * heights + round_off(polygon)
-    if not rounded:
-        return found
-    return found + np.minimum(2 * rounding.largest(points[edges[:, 0]]), MOVED * heights)
+    allowed = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
+    if not may_be_rounded:
+        return allowed
+    return allowed + np.minimum(
+        2 * coordinate_rounding.max_point_error(points[edges[:, 0]]), MAX_ROUNDED_MOVE * heights
+    )
 
 
-def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, heights: Array, where: str) -> Index:
-    """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none.
+def assign_sides(
+    polygon: Polygon, points: Array, edges: Index, allowed_distances: Array, heights: Array, where: str
+) -> Index:
+    """The side along which each boundary edge runs, (nb,); InputError if one runs along none.
 
-    The nodes may lie beside it by their `reach` (n,).
+    The nodes may lie beside it by their `allowed_distances` (n,).
     """
     ends = np.roll(polygon.vertices, -1, axis=0)
-    off = np.stack(
-        [segment_distances(points[k], polygon.vertices, ends) / reach[k][:, None] for k in edges.T]
+    # Distances of both ends from all sides, in units of what is allowed; a side runs with its edges
+    excess = np.stack(
+        [
+            segment_distances(points[k], polygon.vertices, ends) / allowed_distances[k][:, None]
+            for k in edges.T
+        ]
     )
-    off[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
-    side = off.max(axis=0).argmin(axis=1)
-    least = off[:, np.arange(len(edges)), side]
-    stray = np.flatnonzero(least.max(axis=0) > 1)
+    excess[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
+    side = excess.max(axis=0).argmin(axis=1)
+    side_excess = excess[:, np.arange(len(edges)), side]
+    stray = np.flatnonzero(side_excess.max(axis=0) > 1)
     if stray.size:
         a, b = edges[stray].T
         worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
-        (a, b), end = edges[worst], int(least[:, worst].argmax())
+        (a, b) = edges[worst]
+        end = int(side_excess[:, worst].argmax())
         beside = edges[worst, end]
-        if least[end, worst] * reach[beside] < BESIDE * (heights[beside] + round_off(polygon) / NEAR):
-            raise _beside(polygon, points, beside, side[worst], reach, where)
+        if side_excess[end, worst] * allowed_distances[beside] < STRAY_PER_HEIGHT * (
+            heights[beside] + round_off(polygon) / MAX_MOVE_PER_HEIGHT
+        ):
+            raise _stray_node_error(polygon, points, beside, side[worst], allowed_distances, where)
         raise InputError(
-            f"{where}: the boundary edge from node {node(points, a)} to node {node(points, b)} does not run "
-            f"anticlockwise along one side of polygon '{polygon.name}'; move its nodes there, close a gap "
-            "beside it, or split its triangle at a node that hangs on it"
+            f"{where}: the boundary edge from node {describe_node(points, a)} to node "
+            f"{describe_node(points, b)} does not run anticlockwise along one side of polygon "
+            f"'{polygon.name}'; move its nodes there, close a gap beside it, or split its triangle at a "
+            "node that hangs on it"
         )
     return side
 
 
-def snapped(polygon: Polygon, points: Array, nodes: Index, side: Index, reach: Array, where: str) -> Array:
-    """(n, 2) the points, with the boundary nodes (nb,) moved onto the sides (nb,) of the edges they begin.
+def snap_to_sides(
+    polygon: Polygon, points: Array, nodes: Index, side: Index, allowed_distances: Array, where: str
+) -> Array:
+    """The points, with the boundary nodes moved onto the sides of the edges they begin, (n, 2).
 
     A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
-    there up to round-off stay. Raises InputError for nodes farther away than their `reach` (n,).
+    there up to round-off stay. Raises InputError for nodes farther away than their `allowed_distances` (n,).
     """
-    from_vertex, normals = points[nodes] - polygon.vertices[side], polygon.normals[side]
-    by = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
-    by = np.where((side != np.roll(side, 1))[:, None], -from_vertex, by)
-    away, found = np.hypot(*by.T), points.copy()
-    far = np.flatnonzero(away > reach[nodes])
+    # -((x - a).n) n takes a node to its side from a with the normal n; a side's first node goes to a
+    from_vertex = points[nodes] - polygon.vertices[side]
+    normals = polygon.normals[side]
+    shift = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
+    shift = np.where((side != np.roll(side, 1))[:, None], -from_vertex, shift)
+    away = np.hypot(*shift.T)
+    snapped = points.copy()
+    far = np.flatnonzero(away > allowed_distances[nodes])
     if far.size:
-        raise _beside(polygon, points, nodes[far[0]], side[far[0]], reach, where)
-    moved = away > round_off(polygon)
-    found[nodes[moved]] += by[moved]
-    return found
+        raise _stray_node_error(polygon, points, nodes[far[0]], side[far[0]], allowed_distances, where)
+    beyond = away > round_off(polygon)
+    snapped[nodes[beyond]] += shift[beyond]
+    return snapped
 
 
-def _beside(polygon: Polygon, points: Array, number: int, side: int, reach: Array, where: str) -> InputError:
-    start, end = polygon.vertices[side], polygon.vertices[(side + 1) % polygon.n_sides]
-    away = float(segment_distances(points[[number]], start[None], end[None])[0, 0])
+def _stray_node_error(
+    polygon: Polygon, points: Array, node: int, side: int, allowed_distances: Array, where: str
+) -> InputError:
+    start = polygon.vertices[side]
+    end = polygon.vertices[(side + 1) % polygon.n_sides]
+    away = float(segment_distances(points[[node]], start[None], end[None])[0, 0])
     return InputError(
-        f"{where}: the boundary node {node(points, number)} lies {away:.2g} off side {side} of polygon "
-        f"'{polygon.name}', and up to {reach[number]:.2g} would be corrected; move it onto the side, give "
-        "the polygon that the mesh has, or read the mesh with polygon= this polygon"
+        f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of "
+        f"polygon '{polygon.name}', and up to {allowed_distances[node]:.2g} would be corrected; move it onto "
+        "the side, give the polygon that the mesh has, or read the mesh with polygon= this polygon"
     )

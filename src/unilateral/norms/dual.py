@@ -26,11 +26,16 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.form import H1, Form
-from unilateral.formulas.decimals import interval
+from unilateral.formulas.decimals import format_interval
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
-from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
+from unilateral.norms.functionals import (
+    Functionals,
+    cellwise_functionals,
+    difference_functionals,
+    indicator_functionals,
+)
 from unilateral.norms.grading import EDGES_PER_CELL
 from unilateral.norms.ritz import h1_distance
 from unilateral.system.optional import require
@@ -41,7 +46,7 @@ if TYPE_CHECKING:
     from unilateral.norms.reference import ReferenceSpaces
     from unilateral.problems.case import ExactSolution
 
-TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
+GRAM_VARIABLES = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
 
 class Bracket(NamedTuple):
@@ -66,9 +71,9 @@ class Gram:
     oscillation: Array
 
     @classmethod
-    def of_table(cls, table: xr.Dataset) -> Gram:
+    def from_table(cls, table: xr.Dataset) -> Gram:
         """The `Gram` from the table that `table` makes."""
-        return cls(*(table[name].values for name in TABLE))
+        return cls(*(table[name].values for name in GRAM_VARIABLES))
 
     def table(self, cases: Sequence[ExactSolution]) -> xr.Dataset:
         """The forms, the ends of their cells and what belongs to the cases, with the names of all."""
@@ -77,56 +82,65 @@ class Gram:
         form = ("functional", "functional_too")
         dimensions = (("point",), ("case", "cell"), form, form, ("case",))
         values = (self.points, self.means, self.lower, self.upper, self.oscillation)
-        variables = dict(zip(TABLE, zip(dimensions, values, strict=True), strict=True))
+        variables = dict(zip(GRAM_VARIABLES, zip(dimensions, values, strict=True), strict=True))
         polygon = xr.DataArray(cases[0].polygon.name)
         return xr.Dataset(variables, coords={"case": [case.name for case in cases]}).assign(polygon=polygon)
 
     @property
     def n_cells(self) -> int:
+        """The number of cells."""
         return len(self.points) - 1
 
-    def on(self, partition: Partition) -> Gram:
-        """The same forms on P0 of a coarser partition and on lambda - Pi_H lambda there.
+    def coarsen(self, partition: Partition) -> Gram:
+        """The forms on P0 of a coarser partition and on lambda - Pi_H lambda there.
 
         P0 of the coarser one is a subspace, so nothing is lost. Raises InputError if it is none.
         """
         cell = partition.cells_of(self.points)
-        m, c = partition.n_cells, len(self.means)
+        m = partition.n_cells
+        c = len(self.means)
+        # Pi_H lambda of the coarser partition: means of means, weighted with the lengths
         shares = np.diff(self.points) / partition.lengths[cell]
         to_means = sp.csr_array((shares, (cell, np.arange(len(cell)))), shape=(m, len(cell)))
         prolong = sp.csr_array((np.ones(len(cell)), (np.arange(len(cell)), cell)), shape=(len(cell), m))
         means = self.means @ to_means.T
+        # lambda - Pi_H lambda = (lambda - Pi_h lambda) + (Pi_h lambda - Pi_H lambda), h for the finer one
         to_finer = sp.block_array(
             [[prolong, sp.csr_array(self.means - means[:, cell]).T], [None, sp.eye_array(c)]], format="csr"
         )
-        lower, upper = (to_finer.T @ (form @ to_finer) for form in (self.lower, self.upper))
+        lower = to_finer.T @ (self.lower @ to_finer)
+        upper = to_finer.T @ (self.upper @ to_finer)
         return Gram(partition.points, means, lower, upper, self.oscillation)
 
     @property
     def cells(self) -> Index:
-        """(k,) the cells that are not on clamped sides, where functionals are 0."""
+        """The cells that are not on clamped sides, where functionals are 0, (k,)."""
         return np.flatnonzero(np.diag(self.lower)[: self.n_cells])
 
     @property
     def p0(self) -> Bracket:
-        """(k, k) each: Gram matrices of P0 of the `cells`, the true one between them as quadratic forms."""
+        """The Gram matrices of P0 of the cells, the true one between them as quadratic forms, (k, k)."""
         chosen = np.ix_(self.cells, self.cells)
         return Bracket(self.lower[chosen], self.upper[chosen])
 
-    def error(self, c: int, difference: Array) -> Bracket:
+    def error_bounds(self, case: int, difference: Array) -> Bracket:
         """Bounds (k,) on ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
+        # lambda - mu_H = (lambda - Pi_H lambda) + (Pi_H lambda - mu_H)
         x = np.zeros((len(difference), len(self.lower)))
         x[:, : self.n_cells] = difference
-        x[:, self.n_cells + c] = 1.0
-        lower, upper = (np.sum((x @ form) * x, axis=1) for form in (self.lower, self.upper))
-        return Bracket(_root(lower), _root(upper) + self.oscillation[c])
+        x[:, self.n_cells + case] = 1.0
+        lower = np.sum((x @ self.lower) * x, axis=1)
+        upper = np.sum((x @ self.upper) * x, axis=1)
+        return Bracket(_nonnegative_root(lower), _nonnegative_root(upper) + self.oscillation[case])
 
     @cached_property
     def best_approximations(self) -> Array:
-        """(c,) lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
+        """Lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}, (c,)."""
+        # the least of the form over P0(T_H): c - b^T A^{-1} b, the Schur complement
         m = self.n_cells
-        mixed, own = self.lower[self.cells, m:], np.diag(self.lower)[m:]
-        return _root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
+        mixed = self.lower[self.cells, m:]
+        squares = np.diag(self.lower)[m:]
+        return _nonnegative_root(squares - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,45 +150,45 @@ class DualNorm:
     partition: Partition
     spaces: ReferenceSpaces
 
-    def of_p0(self, mu_H: Array, partition: Partition | None = None) -> Bracket:
+    def bound_p0(self, mu_H: Array, partition: Partition | None = None) -> Bracket:
         """Bounds (k,) on ||mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells of T_H.
 
         Another partition may be given; its points need not be nodes of the reference mesh.
         """
-        return self._bounds(of_p0(self.spaces, partition or self.partition, mu_H))
+        return self._bracket(cellwise_functionals(self.spaces, partition or self.partition, mu_H))
 
-    def of_error(self, case: ExactSolution, mu_H: Array, partition: Partition | None = None) -> Bracket:
+    def bound_error(self, case: ExactSolution, mu_H: Array, partition: Partition | None = None) -> Bracket:
         """Bounds (k,) on ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells.
 
         mu_H may also be linear on the cells, with the values (k, m, 2) at their ends.
         """
-        return self._bounds(of_differences(self.spaces, partition or self.partition, case, mu_H))
+        return self._bracket(difference_functionals(self.spaces, partition or self.partition, case, mu_H))
 
     def gram(self, cases: Sequence[ExactSolution] = ()) -> Gram:
         """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
         means = [cell_means(case, self.partition).lambda_means for case in cases]
-        of_cases = [
-            of_differences(self.spaces, self.partition, case, mean[None])
+        case_functionals = [
+            difference_functionals(self.spaces, self.partition, case, mean[None])
             for case, mean in zip(cases, means, strict=True)
         ]
-        parts = [of_indicators(self.spaces, self.partition), *of_cases]
-        loads = sp.hstack([part.loads for part in parts], format="csc")
-        fluxes = sp.hstack([part.fluxes for part in parts], format="csc")
+        functionals = [indicator_functionals(self.spaces, self.partition), *case_functionals]
+        loads = sp.hstack([item.loads for item in functionals], format="csc")
+        fluxes = sp.hstack([item.fluxes for item in functionals], format="csc")
         return Gram(
             self.partition.points,
             np.array(means).reshape(len(means), self.partition.n_cells),
             self.spaces.suprema(loads),
             self.spaces.least_fluxes(fluxes),
-            np.concatenate([part.oscillation for part in of_cases] or [np.empty(0)]),
+            np.concatenate([item.oscillation for item in case_functionals] or [np.empty(0)]),
         )
 
-    def _bounds(self, mu: Functionals) -> Bracket:
+    def _bracket(self, mu: Functionals) -> Bracket:
         lower = np.diag(self.spaces.suprema(mu.loads))
         upper = np.diag(self.spaces.least_fluxes(mu.fluxes))
-        return Bracket(_root(lower), _root(upper) + mu.oscillation)
+        return Bracket(_nonnegative_root(lower), _nonnegative_root(upper) + mu.oscillation)
 
 
-def dual_norm(
+def build_dual_norm(
     partition: Partition,
     cases: Sequence[ExactSolution] = (),
     edges_per_cell: int = EDGES_PER_CELL,
@@ -185,13 +199,14 @@ def dual_norm(
     It is dual to the norm of a form, by default that of the cases, all of which clamp the same sides.
     """
     require("errors in H^(-1/2) and the constant beta need", "gmsh")
-    from unilateral.norms.reference import reference_spaces  # for true errors only
+    from unilateral.norms.reference import build_reference_spaces  # for true errors only
 
     polygon = partition.polygon
-    singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
+    singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular_points()]
+    # at re-entrant vertices functions of least norm are singular, whatever the cases are
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
     norm_form = form or (Form(c=cases[0].c, clamped=cases[0].clamped_sides) if cases else H1)
-    spaces = reference_spaces(partition, singular, edges_per_cell, norm_form)
+    spaces = build_reference_spaces(partition, singular, edges_per_cell, norm_form)
     return DualNorm(partition, spaces)
 
 
@@ -212,7 +227,7 @@ class Errors(NamedTuple):
         >>> Errors(0.123456, 0.111111, 0.222222, 0.3)
         Errors: ||u - u_h||_1 = 0.1235, ||lambda - lambda_H||_-1/2 between 0.1111 and 0.2223, in L2 0.3
         """
-        dual = f"||lambda - lambda_H||_-1/2 {interval(self.hm12_lower, self.hm12_upper)}"
+        dual = f"||lambda - lambda_H||_-1/2 {format_interval(self.hm12_lower, self.hm12_upper)}"
         return f"Errors: ||u - u_h||_1 = {self.h1:.4g}, {dual}, in L2 {self.l2:.4g}"
 
 
@@ -223,21 +238,31 @@ class ErrorsWithoutReaction(Errors):
         return super().__repr__().replace("||u - u_h||_1", "|u - u_h|_1")
 
 
-def errors(
-    case: ExactSolution, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool, dual: bool
+def true_errors(
+    case: ExactSolution,
+    mesh: Mesh,
+    u_h: Array,
+    partition: Partition,
+    lambda_H: Array,
+    unique: bool,
+    judge_dual: bool,
 ) -> Errors:
     """The errors of u_h (n,) and lambda_H (m,), which is constant on the cells.
 
-    That in H^{-1/2} is judged only if `dual`, and those of lambda only if lambda_H is `unique`.
+    That in H^{-1/2} is judged only if `judge_dual`, and those of lambda only if lambda_H is `unique`.
     """
-    h1, l2, bounds = h1_distance(case, mesh, u_h), math.nan, (math.nan, math.nan)
+    h1 = h1_distance(case, mesh, u_h)
+    l2 = math.nan
+    lower = upper = math.nan
     if unique:
-        l2 = cell_means(case, cells).l2_error(lambda_H)
-    if unique and dual:
-        lower, upper = dual_norm(cells, [case]).of_error(case, lambda_H[None])
-        bounds = float(lower[0]), float(upper[0])
-    return (Errors if case.c else ErrorsWithoutReaction)(h1, *bounds, l2)
+        l2 = cell_means(case, partition).l2_error(lambda_H)
+    if unique and judge_dual:
+        bounds = build_dual_norm(partition, [case]).bound_error(case, lambda_H[None])
+        lower = float(bounds.lower[0])
+        upper = float(bounds.upper[0])
+    errors = Errors if case.c else ErrorsWithoutReaction
+    return errors(h1=h1, hm12_lower=lower, hm12_upper=upper, l2=l2)
 
 
-def _root(squares: Array) -> Array:
+def _nonnegative_root(squares: Array) -> Array:
     return np.sqrt(np.maximum(squares, 0.0))

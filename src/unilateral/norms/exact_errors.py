@@ -35,7 +35,7 @@ class CellMeans:
     """A case seen from T_H: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
 
     The norms are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares
-    it; `size` is the largest |u| + |u - g| on the boundary.
+    it; `data_size` is the largest |u| + |u - g| on the boundary.
     """
 
     partition: Partition
@@ -45,11 +45,11 @@ class CellMeans:
     has_transition: Mask
     lambda_norm: float
     projection_error: float
-    size: float
+    data_size: float
 
     @cached_property
     def consistency_terms(self) -> Array:
-        """(m,) the cells' parts of <Pi_H lambda, u - g>, (4.16)."""
+        """The cells' parts (m,) of <Pi_H lambda, u - g>, (4.16)."""
         return self.partition.lengths * self.lambda_means * self.gap_means
 
     @property
@@ -64,13 +64,13 @@ class CellMeans:
 
     def l2_error(self, lambda_H: Array) -> float:
         """||lambda - lambda_H||_0, exact: the projection's error and that of the means are orthogonal."""
-        of_means = self.partition.lengths @ (self.lambda_means - lambda_H) ** 2
-        return math.sqrt(self.projection_error**2 + of_means)
+        mean_error_square = self.partition.lengths @ (self.lambda_means - lambda_H) ** 2
+        return math.sqrt(self.projection_error**2 + mean_error_square)
 
     @cached_property
     def lambda_is_zero(self) -> bool:
         """Whether lambda is 0 up to round-off of the data, whatever their size."""
-        return self.lambda_norm <= 1e-12 * self.size
+        return self.lambda_norm <= 1e-12 * self.data_size
 
 
 def cell_means(case: ExactSolution, partition: Partition) -> CellMeans:
@@ -83,21 +83,37 @@ def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> 
 
     They are exact to round-off, by quadrature that is split at the singular points of all cases.
     """
-    singular = [point for case in cases for point in case.singular()]
-    rule, m = boundary_rule(partition.polygon, partition.points, singular), partition.n_cells
-    u, flux, first = cases[0].boundary(rule.side, rule.s, rule.near)
+    singular = [point for case in cases for point in case.singular_points()]
+    rule = boundary_rule(partition.polygon, partition.points, singular)
+    m = partition.n_cells
+    u, flux, first = cases[0].trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     lambda_means = rule.integrate(flux, m) / partition.lengths
+    # lambda - Pi_H lambda, whose norm is measured directly: the difference of two squares would be rounded
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
-    lambda_norm, projection_error = (in_L2 * math.sqrt(rule.weight @ of**2) for of in (flux, deviation))
-    of_cases = []
+    lambda_norm = in_L2 * math.sqrt(rule.weight @ flux**2)
+    projection_error = in_L2 * math.sqrt(rule.weight @ deviation**2)
+    all_means = []
+    # all cases have the first one's u and lambda
     gaps = [first, *(case.gap(rule.side, rule.s) for case in cases[1:])]
     for case, gap in zip(cases, gaps, strict=True):
-        gap_means, g_means = (rule.integrate(of, m) / partition.lengths for of in (gap, u - gap))
-        crossed, size = partition.has_inside(case.transitions()), float(np.max(np.abs(u) + np.abs(gap)))
-        norms = lambda_norm, projection_error, size
-        of_cases.append(CellMeans(partition, lambda_means, gap_means, g_means, crossed, *norms))
-    return of_cases
+        gap_means = rule.integrate(gap, m) / partition.lengths
+        g_means = rule.integrate(u - gap, m) / partition.lengths
+        crossed = partition.has_inside(case.transitions())
+        size = float(np.max(np.abs(u) + np.abs(gap)))
+        all_means.append(
+            CellMeans(
+                partition=partition,
+                lambda_means=lambda_means,
+                gap_means=gap_means,
+                g_means=g_means,
+                has_transition=crossed,
+                lambda_norm=lambda_norm,
+                projection_error=projection_error,
+                data_size=size,
+            )
+        )
+    return all_means
 
 
 class ExactErrors(NamedTuple):
@@ -113,41 +129,42 @@ class ExactErrors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Exact:
+class CaseProjections:
     """The exact solution seen from both spaces: what a discrete one is measured by."""
 
     ritz: RitzProjection
-    means: CellMeans
+    cell_means: CellMeans
 
-    def tolerance(self, spaces: MixedSpaces) -> float:
+    def smallest_error_part(self, spaces: MixedSpaces) -> float:
         """The smallest part of the discretisation error in ||.||_1 that is known before iterating, and not 0.
 
         The parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
         """
-        if spaces.operator.singular or self.means.lambda_is_zero:
+        if spaces.operator.is_singular or self.cell_means.lambda_is_zero:
             return self.ritz.ritz_error
-        of_lambda = math.sqrt(spaces.operator.lambda_min) * self.means.projection_error
-        return min(x for x in (self.ritz.ritz_error, of_lambda) if x > 0)
+        lambda_part = math.sqrt(spaces.operator.lambda_min) * self.cell_means.projection_error
+        return min(x for x in (self.ritz.ritz_error, lambda_part) if x > 0)
 
     def boundary_load(self, spaces: MixedSpaces, mu: Array) -> Array:
         """<lambda - mu, phi_j> (nb,) for mu (m,)."""
-        return self.ritz.flux_load - spaces.B.T @ mu
+        return self.ritz.multiplier_load - spaces.B.T @ mu
 
-    def ritz_means(self, spaces: MixedSpaces) -> float:
+    def ritz_means_norm(self, spaces: MixedSpaces) -> float:
         """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
-        u_means = (self.means.gap_means + self.means.g_means)[spaces.cells]
-        lengths, B = spaces.operator.H_i, coupling(spaces.mesh, spaces.partition)[spaces.cells]
-        of_z = B @ self.ritz.values / lengths
-        return math.sqrt(lengths @ (u_means - of_z) ** 2)
+        u_means = (self.cell_means.gap_means + self.cell_means.g_means)[spaces.cells]
+        lengths = spaces.operator.H_i
+        B = coupling(spaces.mesh, spaces.partition)[spaces.cells]
+        z_means = B @ self.ritz.boundary_values / lengths
+        return math.sqrt(lengths @ (u_means - z_means) ** 2)
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""
-        h1, share, dual = self.ritz.h1_error(self.boundary_load(spaces, mu))
-        if spaces.operator.singular:
+        h1, share, dual = self.ritz.h1_and_dual_errors(self.boundary_load(spaces, mu))
+        if spaces.operator.is_singular:
             return ExactErrors(h1, math.nan, math.nan, share)
-        return ExactErrors(h1, dual, self.means.l2_error(spaces.extended(mu)), share)
+        return ExactErrors(h1, dual, self.cell_means.l2_error(spaces.extend_by_zero(mu)), share)
 
 
-def exact(case: ExactSolution, spaces: MixedSpaces) -> Exact:
+def project_case(case: ExactSolution, spaces: MixedSpaces) -> CaseProjections:
     """The case's solution seen from the spaces."""
-    return Exact(ritz_projection(case, spaces.condensed), cell_means(case, spaces.partition))
+    return CaseProjections(ritz_projection(case, spaces.condensed), cell_means(case, spaces.partition))

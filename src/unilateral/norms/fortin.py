@@ -30,43 +30,47 @@ from unilateral.fem.p1 import coupling, gradients
 from unilateral.fem.poincare import KAPPA
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
-from unilateral.norms.nodal_averages import deviations
+from unilateral.norms.nodal_averages import deviation_matrix
 from unilateral.norms.oscillation import trace_constants
-from unilateral.norms.resolution import ROUND_OFF, inner_nodes
+from unilateral.norms.resolution import CELL_ROUND_OFF, innermost_nodes
 
-STEPS = 8
+COLLATZ_STEPS = 8
 """So often x is replaced by M M^T x. More steps change rho by about a per cent; for n one is enough."""
-LEAST = 1e-2
+COLLATZ_SHIFT = 1e-2
 """Each step adds this part of x, so that x stays positive."""
-LEAST_DELTA, MOST_ASPECT, SLACK = 1e-4, 1e5, 1 + 1e-7
-"""SLACK covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
+MIN_FORTIN_DELTA = 1e-4
+MAX_FORTIN_ASPECT = 1e5
+FORTIN_ROUNDING_FACTOR = 1 + 1e-7
+"""This covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
 
 With eps the unit round-off, that of `pairing` is about eps/delta, and that of `gradients` at most 1000 eps
 times d_T^2/|T|. All other sums are of numbers >= 0.
 """
 
 
-def beta_below(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
+def beta_lower_bound(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
     """A guaranteed lower bound on beta for the functions, the norm and the multipliers of the form.
 
     P v vanishes on clamped sides, as v does. The bound is 0, which says nothing, where a cell has no node
     well inside or a triangle is too thin.
     """
-    cells = np.flatnonzero(form.held(partition.side))
+    cells = np.flatnonzero(form.has_multiplier(partition.side))
     if not len(cells):
         return 1.0
-    delta, aspect = inner_nodes(mesh.s, partition)[1][cells].min(), mesh.longest_edges**2 / mesh.areas
-    if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
+    delta = innermost_nodes(mesh.s, partition)[1][cells].min()
+    aspect = mesh.longest_edges**2 / mesh.areas
+    if delta < MIN_FORTIN_DELTA or aspect.max() > MAX_FORTIN_ASPECT:
         return 0.0
-    of = majorant(mesh, partition, cells, form)
-    most = norm(of, of.gradients, of.W_gradients)
+    # beta >= 1 / ||P|| (Proposition S1), for |P v|_1 <= rho |v|_1 and, for c > 0, ||v - P v||_0 <= n |v|_1
+    majorant = build_majorant(mesh, partition, cells, form)
+    P_norm = collatz_norm(majorant, majorant.gradients, majorant.W_gradients)
     if form.c:
-        n = norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter
-        most = of_operator(most, math.sqrt(form.c / form.k) * n)
-    return 1 / (SLACK * mesh.growth**2 * most)
+        n = collatz_norm(majorant, majorant.values, majorant.W_values, steps=1) + KAPPA * mesh.diameter
+        P_norm = operator_norm_bound(P_norm, math.sqrt(form.c / form.k) * n)
+    return 1 / (FORTIN_ROUNDING_FACTOR * mesh.exact_mesh_factor**2 * P_norm)
 
 
-def of_operator(rho: float, n: float) -> float:
+def operator_norm_bound(rho: float, n: float) -> float:
     """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v.
 
     With a = k^{1/2} |v|_1 and b = c^{1/2} ||v||_0, ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a
@@ -81,8 +85,8 @@ class Majorant(NamedTuple):
     All are without signs. `gradients` (2m, 2m) give |T|^{1/2} grad A I v from g, and `values` (3m, 2m) give
     |T|^{1/2} / 3^{1/2} times A I v - I v at corners, whose Euclidean norm is at least the one in L2.
     `W_gradients` (2m, cells) and `W_values` (3m, cells) are the same for the W_i. With the means of v - A I v
-    over cells from `means` (cells, 2m) g and `cut` (cells, k) t, `pairing` (cells, cells) y is at most these;
-    its inverse has no negative entries.
+    over cells from `means` (cells, 2m) g and `cut_terms` (cells, k) t, `pairing` (cells, cells) y is at most
+    these; its inverse has no negative entries.
     """
 
     gradients: sp.csr_array
@@ -90,33 +94,40 @@ class Majorant(NamedTuple):
     W_gradients: sp.csr_array
     W_values: sp.csr_array
     means: sp.csr_array
-    cut: sp.csr_array
+    cut_terms: sp.csr_array
     pairing: sp.csc_array
 
 
-def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
-    """That of a mesh and the multipliers on the `cells` (k,), each with a node inside."""
-    chosen, deltas = inner_nodes(mesh.s, partition)
+def build_majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
+    """The majorant of the Fortin operator P for the multipliers on some cells, each with a node inside."""
+    chosen, deltas = innermost_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
-    W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped, slopes, (whole, cut) = deviations(mesh, form), _slopes(mesh), _means(mesh, partition)
-    scale, at_corners = np.repeat(np.sqrt(mesh.areas / 3), 3), W[mesh.triangles.ravel()]
+    # W_i, a hat at the innermost node of cell i between the next of the knots
+    W = extend_hats(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
+    deviations = deviation_matrix(mesh, form)
+    to_gradients = _gradient_matrix(mesh)
+    cell_integrals, cut_terms = _mean_matrices(mesh, partition)
+    scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
+    at_corners = W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
+    # the integrals of W_j over cell i, with a minus off the diagonal: an M-matrix
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
-    averaged, means = slopes @ jumped, whole[cells] @ jumped
+    averaged = to_gradients @ deviations
+    means = cell_integrals[cells] @ deviations
+    # grad A I v = grad I v + grad (A I v - I v)
     averaged.setdiag(averaged.diagonal() + 1)
     return Majorant(
-        without_signs(averaged),
-        without_signs(jumped, scale),
-        without_signs(slopes @ at_corners),
-        without_signs(at_corners, scale),
-        without_signs(means),
-        cut[cells],
-        pairing.tocsc(),
+        gradients=drop_signs(averaged),
+        values=drop_signs(deviations, scale),
+        W_gradients=drop_signs(to_gradients @ at_corners),
+        W_values=drop_signs(at_corners, scale),
+        means=drop_signs(means),
+        cut_terms=cut_terms[cells],
+        pairing=pairing.tocsc(),
     )
 
 
-def without_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array:
+def drop_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array:
     """The matrix without its signs, each row times its `scale` (rows,) > 0; in its own memory."""
     np.abs(matrix.data, out=matrix.data)
     if scale is not None:
@@ -125,81 +136,101 @@ def without_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_ar
 
 
 def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
-    """(k,) the arc lengths of the nodes that are ends of cells."""
-    nodes, ends = mesh.s[:-1], partition.points
+    """The arc lengths of the nodes that are ends of cells, (k,)."""
+    nodes = mesh.s[:-1]
+    ends = partition.points
     nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
-    return nodes[np.abs(nodes - nearest) <= ROUND_OFF * partition.lengths.min()]
+    return nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
 
 
-def _slopes(mesh: Mesh) -> sp.csr_array:
-    """(2m, 3m) |T|^{1/2} times the gradient on T from the values at its corners."""
+def _gradient_matrix(mesh: Mesh) -> sp.csr_array:
+    """The matrix from values at the corners of triangles to |T|^{1/2} times the gradient, (2m, 3m)."""
     m = len(mesh.triangles)
     entries = (gradients(mesh) * np.sqrt(mesh.areas)[:, None, None]).transpose(0, 2, 1)
     columns = np.repeat(np.arange(3 * m).reshape(m, 3), 2, axis=0)
     return sp.csr_array((entries.ravel(), columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * m))
 
 
-def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
-    """(cells, 3m) minus the integrals of A I v - I v from its values at corners, and (cells, k) `cut`.
+def _mean_matrices(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
+    """The matrices for integrals over cells: of A I v - I v from corners, and of v - I v on cut edges.
 
-    With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
-    most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and ||w||_{0,e}^2 is at most
-    |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
+    They are (cells, 3m) and (cells, k). With w = v - I v and a part of an edge e that is the share p of it,
+    the integral of w over the part is at most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and
+    ||w||_{0,e}^2 is at most |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
     """
     points, cell, edge = overlay(partition.points, mesh.s)
-    lengths, shares = np.diff(mesh.s)[edge], np.diff(points) / np.diff(mesh.s)[edge]
-    middle = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
+    lengths = np.diff(mesh.s)[edge]
+    shares = np.diff(points) / np.diff(mesh.s)[edge]
+    x = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
     triangle = mesh.boundary_triangles[edge]
     first = np.argmax(mesh.triangles[triangle] == mesh.boundary[edge][:, None], axis=1)
     corners = np.concatenate([3 * triangle + first, 3 * triangle + (first + 1) % 3])
-    values = -np.concatenate([lengths * shares * (1 - middle), lengths * shares * middle])
+    # the integral of a linear function over a part is its length times the value in the middle
+    values = -np.concatenate([lengths * shares * (1 - x), lengths * shares * x])
     shape = (partition.n_cells, 3 * len(mesh.triangles))
-    whole = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
-    part = np.flatnonzero(shares < 1)
-    size = np.sqrt(lengths * shares * (1 - shares))[part] * np.sqrt(trace_constants(mesh, KAPPA))[edge[part]]
-    _, column = np.unique(triangle[part], return_inverse=True)
-    cut = sp.coo_array((size, (cell[part], column)), shape=(partition.n_cells, max(len(part), 1)))
-    return whole, cut.tocsr()
+    cell_integrals = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
+    # on a part that is the share p of e: (|e| p (1 - p))^{1/2} times the constant of ||w||_e
+    cut_parts = np.flatnonzero(shares < 1)
+    size = (
+        np.sqrt(lengths * shares * (1 - shares))[cut_parts]
+        * np.sqrt(trace_constants(mesh, KAPPA))[edge[cut_parts]]
+    )
+    _, column = np.unique(triangle[cut_parts], return_inverse=True)
+    cut_terms = sp.coo_array(
+        (size, (cell[cut_parts], column)), shape=(partition.n_cells, max(len(cut_parts), 1))
+    )
+    return cell_integrals, cut_terms.tocsr()
 
 
-def norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = STEPS) -> float:
+def collatz_norm(
+    majorant: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = COLLATZ_STEPS
+) -> float:
     """The norm of v -> rows g + W_rows y by Collatz's bound."""
-    solve = splu(of.pairing)
+    # M = (rows + W_rows pairing^{-1} means, W_rows pairing^{-1} cut_terms), applied as M M^T
+    solve = splu(majorant.pairing)
     x = np.ones(rows.shape[0])
     for _ in range(steps):
         x = x / x.max()
         y = solve.solve(W_rows.T @ x, trans="T")
-        image = rows.T @ x + of.means.T @ y, of.cut.T @ y
-        means = of.means @ image[0] + of.cut @ image[1]
+        image = rows.T @ x + majorant.means.T @ y, majorant.cut_terms.T @ y
+        means = majorant.means @ image[0] + majorant.cut_terms @ image[1]
         square = rows @ image[0] + W_rows @ solve.solve(means)
+        # Collatz: the spectral radius of M M^T is at most max (M M^T x)_i / x_i
         quotient = float((square / x).max())
-        x = square + LEAST * x
+        x = square + COLLATZ_SHIFT * x
     return math.sqrt(quotient)
 
 
-def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
+def extend_hats(mesh: Mesh, knots: Array) -> sp.csr_array:
     """W (n, k): nodal values of functions in V_h whose traces are hats at the boundary nodes (k,) of these s.
 
     Each falls to 0 at the next of them. Inside values fall along edges, from one layer of nodes to the next,
     by 1 over the shorter half of the hat's support.
     """
-    widths = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
-    before = (np.searchsorted(nodes, mesh.s[:-1], side="right") - 1) % len(nodes)
-    t = (mesh.s[:-1] - nodes[before]) % mesh.polygon.perimeter / widths[before]
-    at, hats = np.tile(mesh.boundary, 2), np.concatenate([before, (before + 1) % len(nodes)])
-    values, shape = np.concatenate([1 - t, t]), (mesh.n_nodes, len(nodes))
-    W, reach = sp.coo_array((values, (at, hats)), shape=shape).tocsr(), np.minimum(widths, np.roll(widths, 1))
+    # on the boundary each node has the values of the hats at the knots before and after it
+    widths = np.diff(knots, append=knots[0] + mesh.polygon.perimeter)
+    before = (np.searchsorted(knots, mesh.s[:-1], side="right") - 1) % len(knots)
+    t = (mesh.s[:-1] - knots[before]) % mesh.polygon.perimeter / widths[before]
+    nodes = np.tile(mesh.boundary, 2)
+    hats = np.concatenate([before, (before + 1) % len(knots)])
+    values = np.concatenate([1 - t, t])
+    shape = (mesh.n_nodes, len(knots))
+    W = sp.coo_array((values, (nodes, hats)), shape=shape).tocsr()
+    # inside, layer by layer: the largest of the values of neighbours, less the edges' lengths over the reach
+    reach = np.minimum(widths, np.roll(widths, 1))
     ends = mesh.triangulation.ends
     start, end = np.concatenate([ends, ends[:, ::-1]]).astype(np.intp).T
-    known = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
+    has_value = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
     while values.size:
-        onward = np.flatnonzero(known[start] & ~known[end])
+        onward = np.flatnonzero(has_value[start] & ~has_value[end])
         lengths = np.linalg.norm(mesh.points[start[onward]] - mesh.points[end[onward]], axis=1)
-        of, hats = (near := W[start[onward]].tocoo()).coords
-        left = near.data - lengths[of] / reach[hats]
-        places, which = np.unique((end[onward][of] * len(nodes) + hats)[left > 0], return_inverse=True)
+        rows, hats = (near := W[start[onward]].tocoo()).coords
+        lowered = near.data - lengths[rows] / reach[hats]
+        places, place_numbers = np.unique(
+            (end[onward][rows] * len(knots) + hats)[lowered > 0], return_inverse=True
+        )
         values = np.zeros(len(places))
-        np.maximum.at(values, which, left[left > 0])
-        W = W + sp.coo_array((values, np.divmod(places, len(nodes))), shape=shape).tocsr()
-        known[end[onward]] = True
+        np.maximum.at(values, place_numbers, lowered[lowered > 0])
+        W = W + sp.coo_array((values, np.divmod(places, len(knots))), shape=shape).tocsr()
+        has_value[end[onward]] = True
     return W

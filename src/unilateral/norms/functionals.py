@@ -30,27 +30,29 @@ class Functionals(NamedTuple):
     oscillation: Array
 
 
-def of_p0(spaces: ReferenceSpaces, partition: Partition, mu_H: Array) -> Functionals:
+def cellwise_functionals(spaces: ReferenceSpaces, partition: Partition, mu_H: Array) -> Functionals:
     """The `Functionals` of functions mu_H (k, m) constant on the cells."""
-    rule, cell = _rule(spaces, partition, None)
-    return _of_values(spaces, rule, mu_H.T[cell])
+    rule, cell = _reference_rule(spaces, partition, None)
+    return _integrate_functionals(spaces, rule, mu_H.T[cell])
 
 
-def of_differences(
+def difference_functionals(
     spaces: ReferenceSpaces, partition: Partition, case: ExactSolution, mu_H: Array
 ) -> Functionals:
     """The `Functionals` of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here: NaN.
 
     mu_H (k, m) is constant on the cells, or linear between its values (k, m, 2) at their ends.
     """
-    rule, cell = _rule(spaces, partition, case)
-    flux = case.boundary(rule.side, rule.s, rule.near)[1]
-    seen = _of_values(spaces, rule, flux[:, None] - values_on(partition, rule, cell, mu_H))
-    return seen if case.flux_in_L2 else seen._replace(oscillation=np.full(len(mu_H), math.nan))
+    rule, cell = _reference_rule(spaces, partition, case)
+    flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
+    functionals = _integrate_functionals(
+        spaces, rule, flux[:, None] - evaluate_on_cells(partition, rule, cell, mu_H)
+    )
+    return functionals if case.flux_in_L2 else functionals._replace(oscillation=np.full(len(mu_H), math.nan))
 
 
-def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:
-    """(Q, k) the values of mu, as mu_H above, at the points of a rule, which lie in the cells `cell` (Q,)."""
+def evaluate_on_cells(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:
+    """The values at the points of a rule of functions that are constant or linear on the cells, (Q, k)."""
     if mu.ndim == 2:
         return mu.T[cell]
     starts = partition.points[cell] - partition.polygon.starts[rule.side]
@@ -58,43 +60,52 @@ def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) 
     return (1 - x) * mu[..., 0].T[cell] + x * mu[..., 1].T[cell]
 
 
-def of_indicators(spaces: ReferenceSpaces, partition: Partition) -> Functionals:
+def indicator_functionals(spaces: ReferenceSpaces, partition: Partition) -> Functionals:
     """The `Functionals` of the indicators of T_H's cells, each a union of edges of the reference mesh."""
-    s, m = spaces.mesh.s, partition.n_cells
+    s = spaces.mesh.s
+    m = partition.n_cells
     cell = np.searchsorted(partition.points, 0.5 * (s[1:] + s[:-1])) - 1
+    # Simpson's rule: int psi = |e|/6 at both ends, 4 |e|/6 at the midpoint
     shares = (np.diff(s)[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
-    where = (spaces.nodes.ravel(), np.repeat(cell, 3))
+    where = (spaces.edge_unknowns.ravel(), np.repeat(cell, 3))
     loads = sp.coo_array((shares, where), shape=(spaces.n_p2, m)).tocsc()
     ends = (np.arange(2 * len(cell)), np.repeat(cell, 2))
     fluxes = sp.coo_array((np.ones(2 * len(cell)), ends), shape=(2 * len(cell), m)).tocsc()
     return Functionals(loads, fluxes, np.zeros(m))
 
 
-def _rule(
+def _reference_rule(
     spaces: ReferenceSpaces, partition: Partition, case: ExactSolution | None
 ) -> tuple[BoundaryRule, Index]:
     """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
     cuts, edge, cell = overlay(spaces.mesh.s, partition.points)
-    rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())
+    rule = boundary_rule(partition.polygon, cuts, case.singular_points() if case else ())
     return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
 
 
-def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Functionals:
+def _integrate_functionals(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Functionals:
     """The `Functionals` of functions with the values (Q, k) at the points of the rule."""
-    mesh, edge = spaces.mesh, rule.interval
+    mesh = spaces.mesh
+    edge = rule.interval
     lengths = np.diff(mesh.s)
     x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
     weighted = rule.weight[:, None] * values
 
-    def summed(weighted: Array) -> Array:
-        return np.stack([np.bincount(edge, of, len(lengths)) for of in weighted.T], axis=1)
+    def sum_by_edge(weighted: Array) -> Array:
+        """The sums (nb, k) over the points on each edge."""
+        return np.stack([np.bincount(edge, column, len(lengths)) for column in weighted.T], axis=1)
 
-    start, end, bubble = (summed(shape[:, None] * weighted) for shape in (1 - x, x, 4 * x * (1 - x)))
+    # the shape functions of P2 on an edge are 1 - x and x, less half a bubble, and the bubble 4 x (1 - x)
+    start = sum_by_edge((1 - x)[:, None] * weighted)
+    end = sum_by_edge(x[:, None] * weighted)
+    bubble = sum_by_edge((4 * x * (1 - x))[:, None] * weighted)
     loads = np.zeros((spaces.n_p2, values.shape[1]))
     shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
-    np.add.at(loads, spaces.nodes.ravel(), shapes.reshape(-1, values.shape[1]))
-    at_start, at_end = ((4 * a - 2 * b) / lengths[:, None] for a, b in ((start, end), (end, start)))
-    rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
-    squares = summed(rule.weight[:, None] * rest**2)
+    np.add.at(loads, spaces.edge_unknowns.ravel(), shapes.reshape(-1, values.shape[1]))
+    # Pi_1 mu: the mass matrix |e| ((2, 1), (1, 2)) / 6 has the inverse ((4, -2), (-2, 4)) / |e|
+    at_start = (4 * start - 2 * end) / lengths[:, None]
+    at_end = (4 * end - 2 * start) / lengths[:, None]
+    oscillation = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
+    squares = sum_by_edge(rule.weight[:, None] * oscillation**2)
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
     return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), oscillation_bound(mesh, squares))

@@ -13,88 +13,93 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.norms.oscillation import distance_to_other_sides
 
 EDGES_PER_CELL = 8
-HALVINGS = 8
-SHORTEST = 5e-8
+HALVINGS_AT_SINGULARITY = 8
+MIN_EDGE_DIAMETERS = 5e-8
 """The shortest edge, in diameters of the polygon: gmsh tells points apart that are 1e-8 apart."""
-SNAP = 1e-6
+SNAP_DIAMETERS = 1e-6
 """A singular point at most this far from a cell's end, in diameters, counts as that end in the grading."""
-LONGEST = 0.25
-MOST_EDGES = 8_000
-"""On a large polygon edges may be longer than LONGEST, up to the perimeter divided by this number.
+MAX_REFERENCE_EDGE = 0.25
+MAX_REFERENCE_EDGES = 8_000
+"""On a large polygon edges may be longer than MAX_REFERENCE_EDGE, up to the perimeter divided by this number.
 
 The bounds stay valid.
 """
 
 
-def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
-    """(nb,) arc lengths of the mesh's boundary nodes, nested in T_H and in the singular points.
+def grade_boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
+    """Arc lengths of the reference mesh's boundary nodes, nested in T_H and in the singular points, (nb,).
 
     A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
     jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
-    those beside a shorter cell, those longer than LONGEST, and those that are long against shorter edges on
-    a side near by. No edge is shorter than SHORTEST. The grading of a singular point that is as
-    near to a cell's end as SNAP is to that end. Raises InputError if a cell is shorter than SHORTEST.
+    those beside a shorter cell, those longer than MAX_REFERENCE_EDGE, and those that are long against shorter
+    edges on a side near by. No edge is shorter than MIN_EDGE_DIAMETERS. The grading of a singular point that
+    is as near to a cell's end as SNAP_DIAMETERS is to that end. Raises InputError if a cell is too short.
     """
     polygon = partition.polygon
-    shortest = SHORTEST * polygon.diameter
-    _check_cells(partition, shortest)
-    points = _singular_points(partition, singular)
+    shortest = MIN_EDGE_DIAMETERS * polygon.diameter
+    _check_cell_lengths(partition, shortest)
+    points = _snap_singular_points(partition, singular)
     cuts = np.union1d(partition.points, points)
-    parts = np.diff(cuts)
+    lengths = np.diff(cuts)
     cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
-    counts = np.ceil(parts / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
+    # each part has its share of the cell's edges, at least two between singular points, and none too short:
+    # the first of n edges at Chebyshev's points of a part is (1 - cos(pi / n)) / 2 of it
+    counts = np.ceil(lengths / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
     both_ends = np.isin(cuts[:-1], points) & np.isin(cuts[1:], points)
     counts = np.maximum(counts, np.where(both_ends, 2, 1))
-    most = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / parts, 1))).astype(int)
-    counts = np.minimum(counts, most)
+    max_counts = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / lengths, 1))).astype(int)
+    counts = np.minimum(counts, max_counts)
     index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
-    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(parts, counts)]
-    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * parts
-    halves = 0.5 ** np.arange(1, HALVINGS + 1)
+    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(lengths, counts)]
+    # the edges at singular points are halved again and again
+    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * lengths
+    halves = 0.5 ** np.arange(1, HALVINGS_AT_SINGULARITY + 1)
     for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
         for sign, end in ((1, ends[i % len(ends)]), (-1, ends[i - 1])):
             nodes.append(p + sign * (end * halves)[end * halves >= shortest])
-    nodes += _graded_to_shorter_neighbours(cuts[:-1], ends)
+    nodes += _grade_to_shorter_neighbours(cuts[:-1], ends)
     s = np.unique(np.concatenate(nodes) % polygon.perimeter)
-    return _near_shorter_edges(polygon, _halved(polygon, s))
+    return _halve_near_shorter_edges(polygon, _halve_long_edges(polygon, s))
 
 
-def _check_cells(partition: Partition, shortest: float) -> None:
+def _check_cell_lengths(partition: Partition, shortest: float) -> None:
     i = int(np.argmin(partition.lengths))
     if partition.lengths[i] < shortest:
         raise InputError(
             f"partition: cell {i} has the length {partition.lengths[i]:.3g}; for bounds on the dual norm "
-            f"it has to be {shortest:.3g} or more, {SHORTEST:g} of the polygon's diameter"
+            f"it has to be {shortest:.3g} or more, {MIN_EDGE_DIAMETERS:g} of the polygon's diameter"
         )
 
 
-def _singular_points(partition: Partition, singular: Iterable[float]) -> Array:
-    """The singular points' arc lengths, increasing; those as near to a cell's end as SNAP are moved to it."""
+def _snap_singular_points(partition: Partition, singular: Iterable[float]) -> Array:
+    """The singular points' arc lengths, increasing; those within SNAP_DIAMETERS of a cell's end are moved."""
     perimeter = partition.polygon.perimeter
-    given = np.array(sorted({s % perimeter for s in singular}))
-    ends = partition.points[np.abs(given[:, None] - partition.points).argmin(axis=1)]
-    snap = SNAP * partition.polygon.diameter
-    moved = np.unique(np.where(np.abs(given - ends) <= snap, ends, given) % perimeter)
-    return moved[np.diff(moved, prepend=-np.inf) > snap]
+    s = np.array(sorted({point % perimeter for point in singular}))
+    ends = partition.points[np.abs(s[:, None] - partition.points).argmin(axis=1)]
+    snap = SNAP_DIAMETERS * partition.polygon.diameter
+    snapped = np.unique(np.where(np.abs(s - ends) <= snap, ends, s) % perimeter)
+    return snapped[np.diff(snapped, prepend=-np.inf) > snap]
 
 
-def _halved(polygon: Polygon, s: Array) -> Array:
+def _halve_long_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,), inside edges too long for functions that decay with the distance 1."""
-    limit = max(LONGEST, polygon.perimeter / MOST_EDGES)
+    limit = max(MAX_REFERENCE_EDGE, polygon.perimeter / MAX_REFERENCE_EDGES)
     ends = np.append(s, polygon.perimeter)
     while np.any(long := np.diff(ends) > limit):
         ends = np.union1d(ends, (0.5 * (ends[1:] + ends[:-1]))[long])
     return ends[:-1]
 
 
-def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
+def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,): no edge is longer than twice one on another side plus the distance."""
     while True:
         ends = np.append(s, polygon.perimeter)
-        lengths, middle = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
+        lengths = np.diff(ends)
+        middle = 0.5 * (ends[1:] + ends[:-1])
         side = polygon.sides_of(middle)
         points = polygon.at(side, middle - polygon.starts[side])
+        # only edges nearer to another side than they are long can be too long
         candidates = np.flatnonzero(distance_to_other_sides(polygon, points, side) < lengths)
         distance = np.linalg.norm(points[candidates, None] - points, axis=2)
         distance[side[candidates, None] == side] = np.inf
@@ -104,9 +109,10 @@ def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
         s = np.union1d(s, middle[long])
 
 
-def _graded_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
+def _grade_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
     """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
-    before, after = np.roll(ends, 1), ends
+    before = np.roll(ends, 1)
+    after = ends
     halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)
     return [
         cuts[i] + (after[i] if after[i] > before[i] else -before[i]) * 0.5 ** np.arange(1, halvings[i] + 1)

@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 from scipy.linalg import eigh
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 from unilateral.norms.dual import Bracket
 
-ZERO = 1e-12
+BETA_SQUARED_ROUNDING = 1e-12
 """A beta^2 of at most this is rounding, and counts as 0."""
 
 
@@ -28,13 +29,19 @@ class InfSup(NamedTuple):
     beta_0: float
 
 
-def infsup(operator: DualOperator, gram: Bracket) -> InfSup:
+def infsup_constants(operator: DualOperator, gram: Bracket) -> InfSup:
     """The constants of a mesh and a partition, from the Gram matrices (m, m) of P0(T_H).
 
     beta is at most 1, for V_h is conforming.
     """
-    forms = (gram.upper, gram.lower)
-    squares = [float(eigh(operator.D, G, eigvals_only=True, subset_by_index=[0, 0])[0]) for G in forms]
-    lower, upper = (math.sqrt(square) if square > ZERO else 0.0 for square in squares)
+    # beta^2 = min D / G: the larger G gives the lower bound
+    lower = _least_root(operator.D, gram.upper)
+    upper = _least_root(operator.D, gram.lower)
     beta_0 = math.sqrt(max(operator.lambda_min, 0.0) / float(operator.H_i.max()))
     return InfSup(lower, min(upper, 1.0), beta_0)
+
+
+def _least_root(D: Array, G: Array) -> float:
+    """The root of the least eigenvalue of D x = mu G x; 0 if that is rounding."""
+    square = float(eigh(D, G, eigvals_only=True, subset_by_index=[0, 0])[0])
+    return math.sqrt(square) if square > BETA_SQUARED_ROUNDING else 0.0

@@ -17,90 +17,103 @@ from skfem.helpers import div, dot
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.form import H1, Form
-from unilateral.fem.linear_systems import Factor
+from unilateral.fem.linear_systems import OrderedMatrix
 from unilateral.geometry.mesh import Mesh
 
 LeastFluxes = Callable[[sp.csc_array], Array]
 
 
-class Energy(NamedTuple):
+class CondensedEnergy(NamedTuple):
     """The form of a symmetric matrix (n, n) that is positive definite on the unknowns `inner`."""
 
     matrix: sp.csr_array
     inner: Index
-    of_inner: Factor
+    inner_factor: OrderedMatrix
 
     @classmethod
-    def of(cls, matrix: sp.csr_array, given: Index, rank: Array) -> Energy:
-        """The unknowns that are not `given` are inner ones, and eliminated in the order of their `rank`."""
-        inner = np.setdiff1d(np.arange(matrix.shape[0]), given)
+    def from_matrix(cls, matrix: sp.csr_array, fixed: Index, rank: Array) -> CondensedEnergy:
+        """The unknowns that are not `fixed` are inner ones, and eliminated in the order of their `rank`."""
+        inner = np.setdiff1d(np.arange(matrix.shape[0]), fixed)
         order = np.argsort(rank[inner], kind="stable")
-        return cls(matrix, inner, Factor(matrix[inner][:, inner].tocsr(), order))
+        return cls(matrix, inner, OrderedMatrix(matrix[inner][:, inner].tocsr(), order))
 
-    def least(self, q: sp.csc_array) -> Array:
-        """(k, k) matrix of the form that is the least energy of unknowns that differ from q (n, k) inside."""
+    def minimise(self, q: sp.csc_array) -> Array:
+        """The matrix of the form that is the least energy of unknowns that differ from q inside, (k, k)."""
+        # with x inside: min (q + x)^T A (q + x) = q^T A q - (A q)_i^T A_ii^{-1} (A q)_i
         response = (self.matrix @ q).tocsc()
         direct = (q.T @ response).toarray()
-        return 0.5 * (direct + direct.T) - self.of_inner.products(response.tocsr()[self.inner].tocsc())
+        return 0.5 * (direct + direct.T) - self.inner_factor.inverse_products(
+            response.tocsr()[self.inner].tocsc()
+        )
 
 
-def with_divergence(
-    mesh: Mesh, facet: Index, given: Mask, p2: skfem.Basis, rank: Array, form: Form = H1
+def least_bdm1_fluxes(
+    mesh: Mesh, facet: Index, has_flux: Mask, p2: skfem.Basis, rank: Array, form: Form = H1
 ) -> LeastFluxes:
-    """Of BDM1, where q.n is given on some edges (nb,)."""
+    """The least energies of fluxes of BDM1 whose normal components are given on some edges."""
     bdm1 = skfem.Basis(p2.mesh, skfem.ElementTriBDM1())
-    of_bdm1 = np.empty(bdm1.N)
-    of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
-    normal, matrix = normal_fluxes(bdm1, mesh, facet), sp.csr_array(hdiv.assemble(bdm1, k=form.k, c=form.c))
-    energy = Energy.of(matrix, bdm1.facet_dofs[:, facet[given]], of_bdm1)
-    return lambda fluxes: energy.least((normal @ fluxes).tocsc())
+    bdm1_rank = np.empty(bdm1.N)
+    bdm1_rank[bdm1.facet_dofs] = rank[p2.facet_dofs]
+    normal = normal_flux_matrix(bdm1, mesh, facet)
+    matrix = sp.csr_array(hdiv.assemble(bdm1, k=form.k, c=form.c))
+    energy = CondensedEnergy.from_matrix(matrix, bdm1.facet_dofs[:, facet[has_flux]], bdm1_rank)
+    return lambda fluxes: energy.minimise((normal @ fluxes).tocsc())
 
 
-def without_divergence(mesh: Mesh, nodes: Index, given: Mask, K: sp.csr_array, rank: Array) -> LeastFluxes:
-    """Of the rotated gradients of functions psi in P2, which are the fluxes of BDM1 without divergence.
+def least_divergence_free_fluxes(
+    mesh: Mesh, edge_unknowns: Index, has_flux: Mask, K: sp.csr_array, rank: Array
+) -> LeastFluxes:
+    """The least energies of fluxes of BDM1 without divergence: rotated gradients of functions in P2.
 
     q.n is the derivative of psi along the boundary. So it gives psi on every arc of edges that are not
     clamped, up to a constant. On the first arc that is 0; the others are unknowns after those of P2, whose
-    matrix of (grad v, grad w) / k is K (n, n). `nodes` (nb, 3) are those of `ReferenceSpaces`.
+    matrix of (grad v, grad w) / k is K (n, n). `edge_unknowns` (nb, 3) are those of `ReferenceSpaces`.
     """
-    from_one = np.roll(np.arange(len(given)), -int(np.argmax(given & ~np.roll(given, 1))))
-    edges = from_one[given[from_one]]
-    arc = np.cumsum(np.diff(edges, prepend=edges[0] - 1) % len(given) != 1)
+    # the arcs of edges that are not clamped, numbered from an edge behind a clamped one
+    from_one = np.roll(np.arange(len(has_flux)), -int(np.argmax(has_flux & ~np.roll(has_flux, 1))))
+    edges = from_one[has_flux[from_one]]
+    arc = np.cumsum(np.diff(edges, prepend=edges[0] - 1) % len(has_flux) != 1)
     shifts = np.zeros((len(rank), arc[-1] + 1))
-    shifts[nodes[edges], arc[:, None]] = 1.0
+    shifts[edge_unknowns[edges], arc[:, None]] = 1.0
     psi = sp.hstack([sp.eye_array(len(rank)), sp.csr_array(shifts[:, 1:])], format="csr")
-    energy = Energy.of((psi.T @ K @ psi).tocsr(), nodes[edges], np.append(rank, np.full(arc[-1], np.inf)))
-    held = np.unique(nodes[edges])
-    at = np.searchsorted(held, nodes[edges]).T
-    to_psi = sp.eye_array(psi.shape[1], format="csc")[:, held]
+    energy = CondensedEnergy.from_matrix(
+        (psi.T @ K @ psi).tocsr(), edge_unknowns[edges], np.append(rank, np.full(arc[-1], np.inf))
+    )
+    psi_unknowns = np.unique(edge_unknowns[edges])
+    places = np.searchsorted(psi_unknowns, edge_unknowns[edges]).T
+    to_psi = sp.eye_array(psi.shape[1], format="csc")[:, psi_unknowns]
 
-    def least(fluxes: sp.csc_array) -> Array:
+    def minimise_energy(fluxes: sp.csc_array) -> Array:
+        """The matrix (k, k) of the least energies for the fluxes (2 nb, k)."""
         ends = (np.diff(mesh.s)[edges, None] * fluxes[2 * edges + i].toarray() for i in (0, 1))
-        values = np.zeros((len(held), fluxes.shape[1]))
-        local, sums = _differences(_integrated(values, at, *ends), at[1, -1])
-        return sums.T @ energy.least((to_psi @ sp.csc_array(local)).tocsc()) @ sums
+        values = np.zeros((len(psi_unknowns), fluxes.shape[1]))
+        local, sums = _localise_columns(_integrate_stream_function(values, places, *ends), places[1, -1])
+        return sums.T @ energy.minimise((to_psi @ sp.csc_array(local)).tocsc()) @ sums
 
-    return least
+    return minimise_energy
 
 
-def _integrated(values: Array, at: Index, start: Array, end: Array) -> Array:
+def _integrate_stream_function(values: Array, places: Index, start: Array, end: Array) -> Array:
     """psi in `values` (n, k) from the fluxes, times lengths, at the edges' starts and ends, (e, k) each.
 
-    `at` (3, e) are the places of psi at the starts, ends and midpoints of the edges.
+    `places` (3, e) are the places of psi at the starts, ends and midpoints of the edges.
     """
-    values[at[1]] = np.cumsum((start + end) / 2, axis=0)
-    values[at[0]] = values[at[1]] - (start + end) / 2
-    values[at[2]] = values[at[0]] + (3 * start + end) / 8
+    # psi rises by the integral of the linear q.n: (start + end) / 2, up to the midpoint (3 start + end) / 8
+    values[places[1]] = np.cumsum((start + end) / 2, axis=0)
+    values[places[0]] = values[places[1]] - (start + end) / 2
+    values[places[2]] = values[places[0]] + (3 * start + end) / 8
     return values
 
 
-def _differences(psi: Array, last: np.intp) -> tuple[Array, Array]:
+def _localise_columns(psi: Array, last: np.intp) -> tuple[Array, Array]:
     """Columns (n, k) that are local, and `sums` (k, k), by which they are turned into those of psi (n, k).
 
     psi is constant beyond a cell on which q.n is 1, up to the `last` place. Differences of two such columns
     over these constants are 0 beyond both cells, which saves most of the work.
     """
-    beyond, sums = psi[last].copy(), np.eye(psi.shape[1])
+    # psi = local @ sums, by differences of columns that are constant, and large, at the last place
+    beyond = psi[last].copy()
+    sums = np.eye(psi.shape[1])
     steps = np.flatnonzero(2 * np.abs(beyond) > np.abs(psi).max(axis=0))
     psi[:, steps] /= beyond[steps]
     psi[:, steps[:-1]] -= psi[:, steps[1:]]
@@ -110,12 +123,12 @@ def _differences(psi: Array, last: np.intp) -> tuple[Array, Array]:
 
 @skfem.BilinearForm
 def hdiv(q, r, form):  # type: ignore[no-untyped-def]
-    """(q, r) / k + (div q, div r) / c."""
+    """The integrand of (q, r) / k + (div q, div r) / c."""
     return dot(q, r) / form.k + div(q) * div(r) / form.c
 
 
-def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
-    """(n, 2 nb): the unknowns of BDM1 or RT1 with given values of q.n at the ends of the boundary edges."""
+def normal_flux_matrix(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
+    """The matrix (n, 2 nb) from q.n at the ends of the boundary edges to the unknowns of BDM1 or RT1."""
     ends = (np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
     basis = skfem.FacetBasis(space.mesh, space.elem, facets=facet, quadrature=ends)
     unknowns = space.facet_dofs[:, facet]
@@ -126,7 +139,9 @@ def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
     traces = np.einsum("lnp,ldn->npd", values, local.astype(float))
     first = np.asarray(basis.global_coordinates())[:, :, 0].T
     flipped = np.any(np.abs(first - mesh.points[mesh.boundary]) > 0.5 * np.diff(mesh.s)[:, None], axis=1)
+    # where scikit-fem runs along the facet the other way the two ends change places
     traces[flipped] = traces[flipped, ::-1]
+    # on each edge two unknowns and two values of q.n determine each other
     to_unknowns = np.linalg.inv(traces)
     rows, columns = np.broadcast_arrays(
         unknowns.T[:, :, None], (2 * np.arange(len(facet))[:, None] + np.arange(2))[:, None, :]

@@ -30,47 +30,52 @@ def rings(mesh: Mesh) -> tuple[Index, Index]:
     has those from `start[a]` to `start[a + 1]`. At a boundary node they begin with the one at the boundary
     edge that starts there. Found by the directions in which edges leave the nodes.
     """
-    node, following = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
+    node = mesh.triangles.ravel()
+    following = np.roll(mesh.triangles, -1, axis=1).ravel()
     first = np.full(mesh.n_nodes, -1)
     first[mesh.boundary] = np.roll(mesh.boundary, -1)
-    angle = _angles(mesh, node, following) - _angles(mesh, np.arange(mesh.n_nodes), first)[node]
+    angle = (
+        _edge_directions(mesh, node, following) - _edge_directions(mesh, np.arange(mesh.n_nodes), first)[node]
+    )
     turned = np.where(following == first[node], 0.0, np.mod(angle, 2 * np.pi))
     corner = np.lexsort([turned, node])
     start = np.concatenate([[0], np.cumsum(np.bincount(node, minlength=mesh.n_nodes))])
     return corner, start
 
 
-def _angles(mesh: Mesh, start: Index, end: Index) -> Array:
-    """(k,) the directions from the nodes (k,) to others (k,)."""
+def _edge_directions(mesh: Mesh, start: Index, end: Index) -> Array:
+    """The directions from nodes to other nodes, as angles, (k,)."""
     x, y = (mesh.points[end] - mesh.points[start]).T
     return np.arctan2(y, x)
 
 
-def jumps(mesh: Mesh) -> sp.csr_array:
-    """(edges, 2m) all J_e from |T|^{1/2} grad w_T, the components of a triangle one after the other."""
-    start, end = (mesh.points[np.roll(mesh.triangles, -k, 1)] for k in (1, 2))
+def jump_matrix(mesh: Mesh) -> sp.csr_array:
+    """The matrix from |T|^{1/2} grad w_T to all jumps J_e, (edges, 2m)."""
+    # J_e = (b - a) . (grad w_T' - grad w_T) / 2: each triangle adds its part, with T on the left
+    start = mesh.points[np.roll(mesh.triangles, -1, 1)]
+    end = mesh.points[np.roll(mesh.triangles, -2, 1)]
     entries = (start - end) / (2 * np.sqrt(mesh.areas))[:, None, None]
-    edges, components = mesh.opposite_edges, 2 * np.arange(len(mesh.triangles))[:, None]
+    edges = mesh.opposite_edges
+    components = 2 * np.arange(len(mesh.triangles))[:, None]
     rows = np.concatenate([edges, edges]).ravel()
     columns = np.concatenate([components + 0 * edges, components + 1 + 0 * edges]).ravel()
     values = np.concatenate([entries[..., 0], entries[..., 1]]).ravel()
     return sp.coo_array((values, (rows, columns))).tocsr()
 
 
-def deviations(mesh: Mesh, form: Form = H1) -> sp.csr_array:
-    """(3m, 2m) the values of Aw - w_T at the corners of all T from |T|^{1/2} grad w_T."""
-    return _of_jumps(mesh, *rings(mesh), _first_shares(mesh, form)) @ jumps(mesh)
-
-
-def _first_shares(mesh: Mesh, form: Form) -> Array:
-    """(n,) the share of the edge that begins at a boundary node in Aw there."""
-    shares, clamped = np.full(mesh.n_nodes, 0.5), form.edges(mesh).astype(float)
+def deviation_matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
+    """The matrix from |T|^{1/2} grad w_T to the values of Aw - w_T at the corners of all T, (3m, 2m)."""
+    # the share s in Aw of the edge that begins at a node: 1/2, but 1 if that is clamped and the other edge is
+    # not, and 0 if only the other one is
+    shares = np.full(mesh.n_nodes, 0.5)
+    clamped = form.clamped_edges(mesh).astype(float)
     shares[mesh.boundary] += 0.5 * (clamped - np.roll(clamped, 1))
-    return shares
+    corner, start = rings(mesh)
+    return _deviations_from_jumps(mesh, corner, start, shares) @ jump_matrix(mesh)
 
 
-def _of_jumps(mesh: Mesh, corner: Index, start: Index, shares: Array) -> sp.csr_array:
-    """(3m, edges) the values of Aw - w_T at the corners of all T from the jumps.
+def _deviations_from_jumps(mesh: Mesh, corner: Index, start: Index, shares: Array) -> sp.csr_array:
+    """The matrix from the jumps to the values of Aw - w_T at the corners of all T, (3m, edges).
 
     Let J_1, ..., J_k be the jumps on the way round an inner node, from T to T. Their sum is 0, and Aw - w_T
     is the sum of (k + 1 - 2 l) / (2 k) J_l. At a boundary node J_0, ..., J_k are those from the first edge to
@@ -78,24 +83,30 @@ def _of_jumps(mesh: Mesh, corner: Index, start: Index, shares: Array) -> sp.csr_
     s times the sum of those before it.
     """
     node = mesh.triangles.ravel()[corner]
-    size, place = np.diff(start)[node], np.arange(len(node)) - start[node]
+    size = np.diff(start)[node]
+    place = np.arange(len(node)) - start[node]
     outer = np.zeros(mesh.n_nodes, dtype=bool)
     outer[mesh.boundary] = True
     outer = outer[node]
+    # a row for each corner in its ring, with an entry for each edge at its node
     counts = size + outer
     ends = np.concatenate([[0], np.cumsum(counts)])
     l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
-    size, place, outer, node = (np.repeat(each, counts) for each in (size, place, outer, node))
+    size = np.repeat(size, counts)
+    place = np.repeat(place, counts)
+    outer = np.repeat(outer, counts)
+    node = np.repeat(node, counts)
     entry = start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
+    # inside (k + 1 - 2 l) / (2 k) with l from 1; at the boundary 1 - s for jumps after T, -s for those before
     values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (size - 1 - 2 * l) / (2 * size))
-    edges = _edges(mesh, corner[entry], outer & (l == 0))
+    edges = _edges_at_corners(mesh, corner[entry], outer & (l == 0))
     in_order = np.empty(len(corner), dtype=np.intp)
     shape = (len(corner), len(mesh.triangulation.ends))
     in_order[corner] = np.arange(len(corner))
     return sp.csr_array((values, edges, ends), shape=shape)[in_order]
 
 
-def _edges(mesh: Mesh, corner: Index, clockwise: Mask) -> Index:
-    """(k,) the edge of a triangle that ends at the corner (k,), or, where `clockwise`, that starts there."""
+def _edges_at_corners(mesh: Mesh, corner: Index, clockwise: Mask) -> Index:
+    """The edge of a triangle that ends at each corner, or, where `clockwise`, that starts there, (k,)."""
     triangle, k = np.divmod(corner, 3)
     return mesh.opposite_edges[triangle, (k + np.where(clockwise, 2, 1)) % 3].astype(np.intp)

@@ -30,36 +30,39 @@ from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import round_off
 
-ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
-MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
-REACH = math.sqrt(5) / 2
+SQUARE_CONSTANT = 1 / (2 * math.pi * math.tanh(2 * math.pi))
+MEAN_FREE_SQUARE_CONSTANT = 1 / (math.pi * math.tanh(math.pi))
+SQUARE_REACH = math.sqrt(5) / 2
 """A square reaches this far from the midpoint of its edge, in lengths of the edge."""
 
 
 def oscillation_bound(
-    mesh: Mesh, squared_norms: Array, on_square: Array | float = ON_SQUARE, form: Form = H1
+    mesh: Mesh, squared_norms: Array, square_constant: Array | float = SQUARE_CONSTANT, form: Form = H1
 ) -> Array:
     """Bounds (k,) on ||r||_{-1/2}, the dual of the energy norm, from ||r||_e^2 (nb, k).
 
-    `on_square` is C, for all edges or each (nb,).
+    `square_constant` is C, for all edges or each (nb,).
     """
-    of_squares, of_triangles = oscillation_constants(mesh, on_square, form) @ squared_norms
-    return np.asarray(np.sqrt(of_squares) + np.sqrt(of_triangles))
+    square_terms, triangle_terms = oscillation_constants(mesh, square_constant, form) @ squared_norms
+    return np.asarray(np.sqrt(square_terms) + np.sqrt(triangle_terms))
 
 
-def oscillation_constants(mesh: Mesh, on_square: Array | float = ON_SQUARE, form: Form = H1) -> Array:
-    """(2, nb) what ||r||_e^2 is multiplied by in the squares of both terms of that bound.
+def oscillation_constants(
+    mesh: Mesh, square_constant: Array | float = SQUARE_CONSTANT, form: Form = H1
+) -> Array:
+    """The factors (2, nb) of ||r||_e^2 in the terms of `oscillation_bound`, by squares and by triangles.
 
     On every edge the smaller one of the constants for |v|_1 and of that for ||v||_T counts.
     """
-    on_squares = np.where(has_square(mesh), on_square * np.diff(mesh.s) / form.k, math.inf)
+    on_squares = np.where(has_square(mesh), square_constant * np.diff(mesh.s) / form.k, math.inf)
     on_triangles = np.minimum(trace_constants(mesh) / form.k, value_constants(mesh, form))
+    # squares, and triangles, do not overlap: sums of squares over each kind, and the roots are added
     by_square = on_squares <= on_triangles
     return np.stack([np.where(by_square, on_squares, 0.0), np.where(by_square, 0.0, on_triangles)])
 
 
 def has_square(mesh: Mesh) -> Mask:
-    """(nb,) whether the square on an edge lies inside Omega, and apart from any square on another side.
+    """Whether the square on each edge lies inside Omega, and apart from any square on another side, (nb,).
 
     The squares on the exact edges (`geometry.exact_mesh`) do so, too.
     """
@@ -67,45 +70,52 @@ def has_square(mesh: Mesh) -> Mask:
     start = mesh.points[mesh.boundary]
     middle = 0.5 * (start + np.roll(start, -1, axis=0))
     distance = distance_to_other_sides(mesh.polygon, middle, mesh.side)
-    moved = 4 * float(mesh.shift.max()) + round_off(mesh.polygon)
-    return distance > REACH * (1 + mesh.polygon.stretch.max()) * (lengths + lengths.max()) + moved
+    # the other square reaches as far, on an edge as long as the longest; nodes may lie elsewhere by rounding
+    displacement = 4 * float(mesh.node_shifts.max()) + round_off(mesh.polygon)
+    return (
+        distance > SQUARE_REACH * (1 + mesh.polygon.stretch.max()) * (lengths + lengths.max()) + displacement
+    )
 
 
 def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Array:
-    """(k,) the distance of points (k, 2) on the sides (k,) from the other sides."""
+    """The distance of points on sides from the other sides, (k,)."""
     distance = segment_distances(points, polygon.vertices, np.roll(polygon.vertices, -1, axis=0))
     distance[np.arange(len(points)), side] = np.inf
     return np.asarray(distance.min(axis=1))
 
 
 def trace_constants(mesh: Mesh, poincare: float = 1 / math.pi) -> Array:
-    """(nb,) the triangles' constants, doubled where two edges share a triangle.
+    """The constants C (nb,) of ||v - mean_T v||_e^2 <= C |v|_{1,T}^2, T the triangle at each boundary edge.
 
-    They are for functions v with ||v||_T <= `poincare` d |v|_{1,T}, here v - mean_T v.
+    They are doubled where two edges share a triangle, and hold if ||v - mean_T v||_T is at most `poincare`
+    times d |v|_{1,T}.
     """
-    e, far, area, shared = _measured(mesh)
+    e, far, area, shared = _edge_geometry(mesh)
     reach = poincare * np.maximum(far, e)
+    # |e|/|T| ((P d)^2 + a P d), P for `poincare`, and the greater of a and |e| for d
     return np.asarray(shared * e / area * (reach**2 + far * reach))
 
 
 def value_constants(mesh: Mesh, form: Form) -> Array:
-    """(nb,) C of ||v||_e^2 <= C ||v||_T^2, the energy norm on T, doubled where two edges share a triangle.
+    """The constants C (nb,) of ||v||_e^2 <= C ||v||_T^2, the energy norm on T; doubled where edges share T.
 
     C is |e|/|T| (1/c + (1/c^2 + a^2/(c k))^(1/2))/2: the divergence theorem with the same field gives
     ||v||_e^2 <= |e|/|T| (||v||_T^2 + a ||v||_T |v|_{1,T}). It is infinite for c = 0.
     """
-    e, far, area, shared = _measured(mesh)
+    e, far, area, shared = _edge_geometry(mesh)
     if not form.c:
         return np.full(len(e), math.inf)
     return np.asarray(shared * e / area * (1 + np.sqrt(1 + form.c / form.k * far**2)) / (2 * form.c))
 
 
-def _measured(mesh: Mesh) -> tuple[Array, Array, Array, Index]:
-    """(nb,) the edges' lengths, the distances a, the triangles' areas, and how many edges share each."""
-    start, end, triangle = mesh.boundary, np.roll(mesh.boundary, -1), mesh.boundary_triangles
-    off = mesh.triangles[triangle].sum(axis=1) - start - end
-    e, a, b = (
-        np.hypot(*(mesh.points[p] - mesh.points[q]).T) for p, q in ((start, end), (start, off), (end, off))
-    )
+def _edge_geometry(mesh: Mesh) -> tuple[Array, Array, Array, Index]:
+    """The boundary edges' lengths, the distances a, their triangles' areas, and how many share each."""
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
+    triangle = mesh.boundary_triangles
+    apex = mesh.triangles[triangle].sum(axis=1) - start - end
+    e = np.hypot(*(mesh.points[start] - mesh.points[end]).T)
+    a = np.hypot(*(mesh.points[start] - mesh.points[apex]).T)
+    b = np.hypot(*(mesh.points[end] - mesh.points[apex]).T)
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
     return e, np.maximum(a, b), mesh.areas[triangle], shared

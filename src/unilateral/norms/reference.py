@@ -16,40 +16,40 @@ from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import check_constants
-from unilateral.fem.form import H1, Form, decoupled
-from unilateral.fem.linear_systems import Factor, elimination_order, factorise
+from unilateral.fem.form import H1, Form, decouple_nodes
+from unilateral.fem.linear_systems import OrderedMatrix, elimination_order, factorise
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.grading import EDGES_PER_CELL, boundary_nodes
-from unilateral.norms.least_fluxes import LeastFluxes, with_divergence, without_divergence
+from unilateral.norms.grading import EDGES_PER_CELL, grade_boundary_nodes
+from unilateral.norms.least_fluxes import LeastFluxes, least_bdm1_fluxes, least_divergence_free_fluxes
 
-GROWTH = 0.45
+REFERENCE_MESH_GROWTH = 0.45
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSpaces:
     """P2 and BDM1 on `mesh`: the matrix of the form, and the least energies of fluxes.
 
-    `nodes` (nb, 3) are the unknowns of P2 on each boundary edge: its start, its end, its midpoint. Functions
-    vanish at the unknowns `fixed`, those on clamped edges.
+    `edge_unknowns` (nb, 3) are the unknowns of P2 on each boundary edge: its start, its end, its midpoint.
+    Functions vanish at the unknowns `fixed`, those on clamped edges.
     """
 
     mesh: Mesh
     n_p2: int
-    nodes: Index
-    p2: Factor
+    edge_unknowns: Index
+    p2_factor: OrderedMatrix
     fixed: Index
     least_fluxes: LeastFluxes
 
     def suprema(self, loads: sp.csc_array) -> Array:
-        """(k, k) matrix of the form whose root is sup over P2 of <mu, v> / ||v||, loads (n_p2, k)."""
-        kept = np.ones(self.n_p2)
-        kept[self.fixed] = 0.0
-        return self.p2.products((sp.diags_array(kept) @ loads).tocsc())
+        """The matrix of the form whose root is the supremum over P2 of <mu, v> / ||v||, (k, k)."""
+        is_free = np.ones(self.n_p2)
+        is_free[self.fixed] = 0.0
+        return self.p2_factor.inverse_products((sp.diags_array(is_free) @ loads).tocsc())
 
 
-def reference_spaces(
+def build_reference_spaces(
     partition: Partition,
     singular: Iterable[float] = (),
     edges_per_cell: int = EDGES_PER_CELL,
@@ -57,45 +57,54 @@ def reference_spaces(
 ) -> ReferenceSpaces:
     """The reference spaces of a partition, refined towards the given arc lengths too, for a form."""
     polygon = partition.polygon
-    s = boundary_nodes(partition, singular, edges_per_cell)
-    mesh = meshes.with_boundary(polygon, s, GROWTH)
-    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    facet = boundary_facets(of_skfem, mesh)
-    p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
-    given = ~form.edges(mesh)
-    M, start, end = mass.assemble(p2), mesh.boundary, np.roll(mesh.boundary, -1)
-    nodes = np.stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1)
-    fixed, K = np.isin(np.arange(p2.N), nodes[~given]), sp.csr_array(laplace.assemble(p2))
-    matrix = decoupled(sp.csr_array(form.k * K + form.c * M), fixed)
-    rank = ranks(p2, matrix)
-    factor = Factor(matrix, np.argsort(rank, kind="stable"))
-    if given.all():
+    s = grade_boundary_nodes(partition, singular, edges_per_cell)
+    mesh = meshes.triangulate_from_boundary(polygon, s, REFERENCE_MESH_GROWTH)
+    skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    facet = boundary_facets(skfem_mesh, mesh)
+    p2 = skfem.Basis(skfem_mesh, skfem.ElementTriP2())
+    has_flux = ~form.clamped_edges(mesh)
+    M = mass.assemble(p2)
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
+    edge_unknowns = np.stack(
+        [p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1
+    )
+    fixed = np.isin(np.arange(p2.N), edge_unknowns[~has_flux])
+    K = sp.csr_array(laplace.assemble(p2))
+    # k (grad v, grad w) + c (v, w) on P2, v = 0 on clamped edges
+    matrix = decouple_nodes(sp.csr_array(form.k * K + form.c * M), fixed)
+    rank = elimination_ranks(p2, matrix)
+    factor = OrderedMatrix(matrix, np.argsort(rank, kind="stable"))
+    # A 1 = c M 1 if nothing is clamped: how far the solution is from 1 shows the rounding
+    if has_flux.all():
         check_constants(
             mesh, form, factorise(matrix, factor.order).solve(form.c * M.sum(axis=1)[factor.order])
         )
+    # for c = 0 fluxes have no divergence, and are curls of P2
     if form.c:
-        least = with_divergence(mesh, facet, given, p2, rank, form)
+        least_fluxes = least_bdm1_fluxes(mesh, facet, has_flux, p2, rank, form)
     else:
-        least = without_divergence(mesh, nodes, given, K / form.k, rank)
-    return ReferenceSpaces(mesh, p2.N, nodes, factor, np.flatnonzero(fixed), least)
+        least_fluxes = least_divergence_free_fluxes(mesh, edge_unknowns, has_flux, K / form.k, rank)
+    return ReferenceSpaces(mesh, p2.N, edge_unknowns, factor, np.flatnonzero(fixed), least_fluxes)
 
 
-def ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
-    """(n,) in which order the unknowns of P2, with the matrix A (n, n), are eliminated.
+def elimination_ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
+    """The rank of each unknown of P2 in the order in which they are eliminated, (n,).
 
     The order comes from a dissection of the nodes alone. An edge goes with the earlier of its ends, so that
     what separates nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
     """
-    nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
+    nodes = p2.nodal_dofs[0]
+    rank = np.empty(p2.N)
     order = elimination_order(A[nodes][:, nodes])
     rank[nodes[order]] = np.arange(len(nodes))
     rank[p2.facet_dofs[0]] = rank[nodes[p2.mesh.facets]].min(axis=0) - 0.5
     return rank
 
 
-def boundary_facets(of_skfem: skfem.MeshTri, mesh: Mesh) -> Index:
-    """(nb,) skfem's facet of every boundary edge."""
+def boundary_facets(skfem_mesh: skfem.MeshTri, mesh: Mesh) -> Index:
+    """The facet of scikit-fem that is each boundary edge, (nb,)."""
     ends = np.sort([mesh.boundary, np.roll(mesh.boundary, -1)], axis=0)
-    candidates = of_skfem.t2f[:, mesh.boundary_triangles]
-    at_edge = np.all(of_skfem.facets[:, candidates] == ends[:, None], axis=0)
+    candidates = skfem_mesh.t2f[:, mesh.boundary_triangles]
+    at_edge = np.all(skfem_mesh.facets[:, candidates] == ends[:, None], axis=0)
     return np.asarray(candidates[at_edge.argmax(axis=0), np.arange(len(mesh.boundary))])

@@ -16,7 +16,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.geometry.plane import cross
 
-ROUND_OFF = 1e-9
+CELL_ROUND_OFF = 1e-9
 
 
 class Rule(NamedTuple):
@@ -50,67 +50,79 @@ class Resolution(NamedTuple):
     alpha_1: float
 
 
-class OfCells(NamedTuple):
+class CellResolution(NamedTuple):
     """The same measures of every cell, (m,) each."""
 
     edges: Array
-    over_longest: Array
+    cell_over_edge: Array
     nodes: Array
     deltas: Array
 
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
     """The measures of h/H that the cells of T_H see, the smallest of each."""
-    edges, over_longest, nodes, delta = (float(each.min()) for each in of_cells(mesh, partition))
-    angle = float(boundary_angles(mesh)[1].min())
-    return Resolution(edges, over_longest, int(nodes), angle, delta, partition.alpha_1)
+    cells = cell_resolution(mesh, partition)
+    return Resolution(
+        float(cells.edges.min()),
+        float(cells.cell_over_edge.min()),
+        int(cells.nodes.min()),
+        float(boundary_angles(mesh)[1].min()),
+        float(cells.deltas.min()),
+        partition.alpha_1,
+    )
 
 
-def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
+def cell_resolution(mesh: Mesh, partition: Partition) -> CellResolution:
     """The measures of each cell."""
     points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)
+    # parts of edges count as fractions; between k + 1 parts of a cell lie k nodes
     edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
     longest = np.zeros(partition.n_cells)
     np.maximum.at(longest, cell, lengths[edge])
     inside = np.bincount(cell, minlength=partition.n_cells) - 1
-    deltas = inner_nodes(mesh.s, partition)[1]
-    return OfCells(edges.astype(float), partition.lengths / longest, inside.astype(float), deltas)
+    deltas = innermost_nodes(mesh.s, partition)[1]
+    return CellResolution(edges.astype(float), partition.lengths / longest, inside.astype(float), deltas)
 
 
-def inner_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
-    """(m,) the mesh node farthest from the ends of each cell, and (m,) that distance over H_i.
+def innermost_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
+    """The mesh node farthest from the ends of each cell, and that distance over H_i, (m,).
 
     `s` (nb + 1,) are the nodes' arc lengths, the perimeter last. For a cell without a node inside, up to
     round-off, they are its start and 0.
     """
-    nodes, ends = s[:-1], partition.points
+    nodes = s[:-1]
+    ends = partition.points
     cell = np.searchsorted(ends, nodes, side="right") - 1
     share = np.minimum(nodes - ends[cell], ends[cell + 1] - nodes) / partition.lengths[cell]
+    # in the order of their shares: the last node written into a cell is the innermost one
     order = np.argsort(share, kind="stable")
-    order = order[share[order] > ROUND_OFF]
-    chosen, deltas = ends[:-1].copy(), np.zeros(partition.n_cells)
-    chosen[cell[order]], deltas[cell[order]] = nodes[order], share[order]
+    order = order[share[order] > CELL_ROUND_OFF]
+    chosen = ends[:-1].copy()
+    deltas = np.zeros(partition.n_cells)
+    chosen[cell[order]] = nodes[order]
+    deltas[cell[order]] = share[order]
     return chosen, deltas
 
 
 def boundary_angles(mesh: Mesh) -> tuple[Index, Array]:
-    """(k,) the triangles with two or three nodes on the boundary, (k,) their smallest angles in degrees."""
-    at = np.flatnonzero(np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2)
-    a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
+    """The triangles with two or three nodes on the boundary, and their smallest angles in degrees, (k,)."""
+    triangles = np.flatnonzero(np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2)
+    a, b, c = np.moveaxis(mesh.points[mesh.triangles[triangles]], 1, 0)
     sides = [b - a, c - b, a - c]
+    # the angle between one side and the next, turned around
     angles = [
         np.arctan2(np.abs(cross(p, q)), -np.sum(p * q, axis=1))
         for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
     ]
-    return at, np.degrees(np.min(angles, axis=0))
+    return triangles, np.degrees(np.min(angles, axis=0))
 
 
-def fine(cell_over_edge: Array) -> Mask:
+def is_fine_enough(cell_over_edge: Array) -> Mask:
     """Whether the rule allows these values of H_i over the longest edge, up to round-off."""
-    return np.asarray(cell_over_edge >= RULE.cell_over_edge * (1 - ROUND_OFF))
+    return np.asarray(cell_over_edge >= RULE.cell_over_edge * (1 - CELL_ROUND_OFF))
 
 
-def steep(angles: Array) -> Mask:
+def is_wide_enough(angles: Array) -> Mask:
     """Whether the rule allows these angles, in degrees."""
     return np.asarray(angles >= RULE.smallest_angle)

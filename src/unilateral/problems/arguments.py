@@ -13,74 +13,81 @@ from typing import Any
 
 import numpy as np
 
-from unilateral.arrays import Array, floats
-from unilateral.errors import InputError, shown
+from unilateral.arrays import Array, read_floats
+from unilateral.errors import InputError, quote_input
 from unilateral.geometry.polygon import Polygon
 
-PAIRS = "it has to be a list of pairs (x, y), anticlockwise, such as [(0, 0), (1, 0), (0, 1)]"
+PAIRS_NEEDED = "it has to be a list of pairs (x, y), anticlockwise, such as [(0, 0), (1, 0), (0, 1)]"
 
 
-def vertices(polygon: object, where: str) -> Array:
-    """(n, 2) the vertices of a polygon, or those that are given."""
+def as_vertices(polygon: object, where: str) -> Array:
+    """The vertices of a polygon, or those that a user gives, (n, 2)."""
     if isinstance(polygon, Polygon):
         return polygon.vertices
-    found = floats(polygon, where, PAIRS)
-    if found.ndim != 2 or found.shape[1] != 2:
-        turned = "; transpose it" if found.ndim == 2 and len(found) == 2 else ""
-        what = f"has the shape {found.shape}" if found.ndim else f"is {shown(repr(polygon))}"
-        raise InputError(f"{where}: it {what}; {PAIRS}{turned}")
-    if len(found) < 3:
-        raise InputError(f"{where}: it has {len(found)} vertices; a polygon has at least three")
-    wrong = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    vertices = read_floats(polygon, where, PAIRS_NEEDED)
+    if vertices.ndim != 2 or vertices.shape[1] != 2:
+        turned = "; transpose it" if vertices.ndim == 2 and len(vertices) == 2 else ""
+        fault = f"has the shape {vertices.shape}" if vertices.ndim else f"is {quote_input(repr(polygon))}"
+        raise InputError(f"{where}: it {fault}; {PAIRS_NEEDED}{turned}")
+    if len(vertices) < 3:
+        raise InputError(f"{where}: it has {len(vertices)} vertices; a polygon has at least three")
+    wrong = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if wrong.size:
-        raise InputError(f"{where}[{wrong[0]}]: it is {tuple(found[wrong[0]].tolist())}; it has to be finite")
-    return found
+        raise InputError(
+            f"{where}[{wrong[0]}]: it is {tuple(vertices[wrong[0]].tolist())}; it has to be finite"
+        )
+    return vertices
 
 
-def number(given: Any, where: str) -> Any:
+def as_file_number(value: Any, where: str) -> Any:
     """A number of any library as one of a file, exactly; anything else as it is. It may not be masked."""
-    if isinstance(given, Fraction | Decimal):
-        return str(given)
-    if not callable(given) and hasattr(given, "__array__"):
-        array = np.asarray(given)
+    if isinstance(value, Fraction | Decimal):
+        return str(value)
+    if not callable(value) and hasattr(value, "__array__"):
+        array = np.asarray(value)
         if array.ndim == 0 and array.dtype.kind in "iuf":
-            floats(given, where)
-            given = array.item()
-    if isinstance(given, complex) or (isinstance(given, float) and not math.isfinite(given)):
-        raise InputError(f"{where}: it is {given}; it has to be a finite number, or a formula")
-    if hasattr(given, "free_symbols"):
-        raise InputError(f"{where}: it is {shown(repr(given))}; write it as a text, as str({given}) does")
-    return given
+            read_floats(value, where)
+            value = array.item()
+    if isinstance(value, complex) or (isinstance(value, float) and not math.isfinite(value)):
+        raise InputError(f"{where}: it is {value}; it has to be a finite number, or a formula")
+    if hasattr(value, "free_symbols"):
+        raise InputError(
+            f"{where}: it is {quote_input(repr(value))}; write it as a text, as str({value}) does"
+        )
+    return value
 
 
-def sides(given: object, n: int, where: str) -> list[int]:
+def as_side_numbers(values: object, n: int, where: str) -> list[int]:
     """The numbers of some of n sides; None is none."""
     try:
-        if not isinstance(given, Iterable | None) or isinstance(given, str):
+        if not isinstance(values, Iterable | None) or isinstance(values, str):
             raise TypeError
-        found = [side(each, n, where) for each in ([] if given is None else given)]
+        sides = [as_side_number(side, n, where) for side in ([] if values is None else values)]
     except TypeError:
         raise InputError(
-            f"{where}: it is {shown(repr(given))}; it has to be a list of sides, such as [0, 2]"
+            f"{where}: it is {quote_input(repr(values))}; it has to be a list of sides, such as [0, 2]"
         ) from None
-    twice = [each for each, times in Counter(found).items() if times > 1]
+    twice = [side for side, times in Counter(sides).items() if times > 1]
     if twice:
         raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
-    return found
+    return sides
 
 
-def side(given: Any, n: int, where: str) -> int:
+def as_side_number(value: Any, n: int, where: str) -> int:
     """The number of one of n sides."""
-    found, kind = -1, "; a side is a whole number"
+    side = -1
+    kind = "; a side is a whole number"
     with suppress(TypeError):
-        found, kind = (found, kind) if isinstance(given, bool) else (operator.index(given), "")
-    if not 0 <= found < n:
-        raise InputError(f"{where}: the polygon has the sides 0 to {n - 1}, not {shown(repr(given))}{kind}")
-    return found
+        side, kind = (side, kind) if isinstance(value, bool) else (operator.index(value), "")
+    if not 0 <= side < n:
+        raise InputError(
+            f"{where}: the polygon has the sides 0 to {n - 1}, not {quote_input(repr(value))}{kind}"
+        )
+    return side
 
 
 def check_flags(**flags: object) -> None:
     """Raises InputError, with its name, for a flag that is neither True nor False."""
-    for name, given in flags.items():
-        if not isinstance(given, bool | np.bool_):
-            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")
+    for name, value in flags.items():
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"{name} is {quote_input(repr(value))}; it has to be True or False")

@@ -11,31 +11,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.arrays import Array
-from unilateral.errors import InputError, shown
-from unilateral.formulas.exact_numbers import rounded
+from unilateral.errors import InputError, quote_input
+from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ZERO, Expression
-from unilateral.formulas.formula import compile_numpy, number
+from unilateral.formulas.formula import compile_numpy, parse_number
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon
+from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY_VERTICES, Polygon
 from unilateral.problems import arguments
-from unilateral.problems.data_checks import check, vertices_between
+from unilateral.problems.data_checks import check_data, constrained_vertices
 from unilateral.problems.fields import linear_fields
 from unilateral.problems.functions import Function, evaluate_function
 from unilateral.problems.nodal import NodalTrace, side_nodes
 from unilateral.problems.problem import Problem, as_formula
 from unilateral.problems.reading import (
     Given,
-    ends_of_sides,
-    exact_corners,
-    on_side,
+    exact_side_ends,
+    exact_vertices,
+    fit_to_side,
     read_data,
     read_sides,
     read_source,
 )
 from unilateral.problems.side_models import SideData
 
-OnSides = Given | Sequence[Given]
+GivenOnSides = Given | Sequence[Given]
 """What a user gives for all sides, or for each."""
 MAX_COEFFICIENT = 1e30
 """The largest k and c; the smallest is 1 over this."""
@@ -45,40 +45,42 @@ FUNCTION_ROUNDING = 64 * EPS
 """They may also differ by this part of the largest number on the two sides, of which terms may cancel."""
 
 
-def problem_of_arguments(
+def make_problem(
     polygon: Polygon | Mesh | ArrayLike,
     f: Given,
-    g: OnSides,
+    g: GivenOnSides,
     *,
     free_sides: Sequence[int] | None = (),
     name: str = "problem",
     k: str | float = 1,
     c: str | float = 1,
-    q: OnSides = 0,
+    q: GivenOnSides = 0,
     u: Mapping[int, Given] | None = None,
 ) -> Problem:
     """The problem with the arguments of `api.Problem`. Raises InputError with the argument."""
     if not isinstance(name, str) or not name:
-        raise InputError(f"name is {shown(repr(name))}; it has to be a text")
+        raise InputError(f"name is {quote_input(repr(name))}; it has to be a text")
     if not isinstance(u, Mapping | None):
-        raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
+        raise InputError(
+            f"{name}, field u: it is {quote_input(repr(u))}; it has to be a dict such as {{3: 0}}"
+        )
     mesh = polygon if isinstance(polygon, Mesh) else None
     if mesh is None:
-        vertices = arguments.vertices(polygon, f"{name}, field polygon")
-        check_count(vertices, name)
+        vertices = arguments.as_vertices(polygon, f"{name}, field polygon")
+        check_vertex_count(vertices, name)
         domain = make_polygon(vertices, name, name)
     else:
         domain = mesh.polygon
-    return build(
-        name, domain, exact_corners(domain), f, g,
+    return build_problem(
+        name, domain, exact_vertices(domain), f, g,
         free_sides=free_sides, k=k, c=c, q=q, u=(u or {}).items(), mesh=mesh, where=name,
     )  # fmt: skip
 
 
-def check_count(vertices: Sized, where: str) -> None:
+def check_vertex_count(vertices: Sized, where: str) -> None:
     """Raises InputError for a polygon with too many vertices, before they are read."""
     if len(vertices) > MAX_VERTICES:
-        raise InputError(f"{where}, field polygon: {TOO_MANY.format(len(vertices))}")
+        raise InputError(f"{where}, field polygon: {TOO_MANY_VERTICES.format(len(vertices))}")
 
 
 def make_polygon(vertices: Array, name: str, where: str) -> Polygon:
@@ -89,17 +91,17 @@ def make_polygon(vertices: Array, name: str, where: str) -> Polygon:
         raise InputError(f"{where}, field polygon: {error}") from None
 
 
-def build(
+def build_problem(
     name: str,
     polygon: Polygon,
-    corners: Sequence[list[Expression]],
+    exact_vertices: Sequence[list[Expression]],
     f: Given,
-    g: OnSides,
+    g: GivenOnSides,
     *,
     free_sides: object,
     k: object,
     c: object,
-    q: OnSides,
+    q: GivenOnSides,
     u: Iterable[tuple[object, Given]],
     where: str,
     title: str = "",
@@ -107,15 +109,17 @@ def build(
 ) -> Problem:
     """The problem with these data, read and checked; functions wait for a mesh if none is given.
 
-    `corners` are the exact coordinates of the polygon's vertices. `u` has each clamped side with what u is
-    there. Raises InputError, beginning with `where` and the field.
+    `exact_vertices` are the exact coordinates of the polygon's vertices. `u` has each clamped side with what
+    u is there. Raises InputError, beginning with `where` and the field.
     """
-    ends = ends_of_sides(corners)
-    conductivity = _coefficient(k, f"{where}, field k")
-    reaction = _coefficient(c, f"{where}, field c", or_0=True)
-    free = tuple(sorted(arguments.sides(free_sides, polygon.n_sides, f"{where}, field free_sides")))
+    ends = exact_side_ends(exact_vertices)
+    conductivity = _read_coefficient(k, f"{where}, field k")
+    reaction = _read_coefficient(c, f"{where}, field c", allow_zero=True)
+    free = tuple(sorted(arguments.as_side_numbers(free_sides, polygon.n_sides, f"{where}, field free_sides")))
     clamped_values = [*u]
-    clamped = arguments.sides([side for side, _ in clamped_values], polygon.n_sides, f"{where}, field u")
+    clamped = arguments.as_side_numbers(
+        [side for side, _ in clamped_values], polygon.n_sides, f"{where}, field u"
+    )
     for side in {*free} & {*clamped}:
         raise InputError(
             f"{where}, field free_sides: side {side} is clamped; remove it from free_sides or from u"
@@ -130,7 +134,7 @@ def build(
     fluxes = read_sides("q", q, ends, free, clamped, mesh, f"{where}, field q")
     for side, (_, value) in zip(clamped, clamped_values, strict=True):
         place = f"{where}, field u[{side}]"
-        obstacles[side] = on_side("u", read_data("u", value, place), side, ends[side], mesh, place)
+        obstacles[side] = fit_to_side("u", read_data("u", value, place), side, ends[side], mesh, place)
     problem = Problem(
         name=name,
         polygon=polygon,
@@ -144,32 +148,37 @@ def build(
         title=title,
         clamped_sides=tuple(sorted(clamped)),
     )
-    return _checked(problem, mesh, where)
+    return _check_on_mesh(problem, mesh, where)
 
 
-def with_data(problem: Problem, mesh: Mesh, f: Given = None, g: OnSides = None, q: OnSides = None) -> Problem:
+def replace_data(
+    problem: Problem, mesh: Mesh, f: Given = None, g: GivenOnSides = None, q: GivenOnSides = None
+) -> Problem:
     """The problem on a mesh, with another f, g or q; what is None stays.
 
-    A case becomes a problem whose solution is not known. Raises InputError as `build`.
+    A case becomes a problem whose solution is not known. Raises InputError as `build_problem`.
     """
     name = problem.name
-    sides = (ends_of_sides(exact_corners(problem.polygon)), problem.free_sides, problem.clamped_sides)
+    ends = exact_side_ends(exact_vertices(problem.polygon))
+    free = problem.free_sides
+    clamped = problem.clamped_sides
     changed: dict[str, Any] = {"exact": None, "title": ""} if problem.exact else {}
     if f is not None:
         changed["f"] = read_source(f, mesh, f"{name}, field f")
     if g is not None:
-        obstacles = read_sides("g", g, *sides, mesh, f"{name}, field g")
-        for side in problem.clamped_sides:
+        obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{name}, field g")
+        for side in clamped:
             obstacles[side] = problem.g[side]
         changed["g"] = tuple(obstacles)
     if q is not None:
-        changed["q"] = tuple(read_sides("q", q, *sides, mesh, f"{name}, field q"))
+        changed["q"] = tuple(read_sides("q", q, ends, free, clamped, mesh, f"{name}, field q"))
     new = replace(problem, **changed)
     if linear_fields(new):
         new = replace(new, mesh=mesh)
     if q is None and not new.has_functions:
+        # q is the same, and so is what was computed of it
         vars(new)["enclosed_flux"] = problem.enclosed_flux
-    return _checked(new, mesh, name)
+    return _check_on_mesh(new, mesh, name)
 
 
 def put_on_mesh(problem: Problem, mesh: Mesh) -> Problem:
@@ -178,20 +187,20 @@ def put_on_mesh(problem: Problem, mesh: Mesh) -> Problem:
     It is then guaranteed for the functions that are linear between these values. Raises InputError for a
     function that fails or is not finite at a node, and where g or u jumps at a vertex.
     """
-    return _checked(problem, mesh, problem.name) if problem.has_functions else problem
+    return _check_on_mesh(problem, mesh, problem.name) if problem.has_functions else problem
 
 
-def _checked(problem: Problem, mesh: Mesh | None, where: str) -> Problem:
+def _check_on_mesh(problem: Problem, mesh: Mesh | None, where: str) -> Problem:
     """The problem with its functions at the nodes of the mesh, checked. Without a mesh functions stay."""
     if problem.has_functions and mesh is not None:
-        problem = _with_values_of_functions(problem, mesh)
+        problem = _evaluate_functions(problem, mesh)
     if problem.has_functions:
         return problem
-    check(problem, where)
+    check_data(problem, where)
     return problem
 
 
-def _with_values_of_functions(problem: Problem, mesh: Mesh) -> Problem:
+def _evaluate_functions(problem: Problem, mesh: Mesh) -> Problem:
     """The problem with the values of its functions at the nodes; g, and u, are joined at the vertices."""
     f = problem.f
     if callable(f):
@@ -200,17 +209,17 @@ def _with_values_of_functions(problem: Problem, mesh: Mesh) -> Problem:
     for side, obstacle in enumerate(g):
         if callable(obstacle):
             field = "u" if side in problem.clamped_sides else "g"
-            g[side] = _trace_of(obstacle, mesh, side, f"{problem.name}, field {field}[{side}]")
+            g[side] = _evaluate_on_side(obstacle, mesh, side, f"{problem.name}, field {field}[{side}]")
     q = [*problem.q]
     for side, flux in enumerate(q):
         if callable(flux):
-            q[side] = _trace_of(flux, mesh, side, f"{problem.name}, field q[{side}]")
-    for vertex in vertices_between(problem):
+            q[side] = _evaluate_on_side(flux, mesh, side, f"{problem.name}, field q[{side}]")
+    for vertex in constrained_vertices(problem):
         _join_at_vertex(problem, g, vertex)
     return replace(problem, f=f, g=tuple(g), q=tuple(q), mesh=mesh)
 
 
-def _trace_of(function: Function, mesh: Mesh, side: int, where: str) -> NodalTrace:
+def _evaluate_on_side(function: Function, mesh: Mesh, side: int, where: str) -> NodalTrace:
     """The values of a function at the nodes of a side."""
     nodes, t = side_nodes(mesh, side)
     return NodalTrace(t, evaluate_function(function, mesh.points[nodes], where))
@@ -220,45 +229,50 @@ def _join_at_vertex(problem: Problem, g: Sequence[SideData | Function], vertex: 
     """Gives functions the value of the other side at a vertex, if they differ there by rounding only.
 
     g is what is given on the sides, with the values of functions, which are changed. Larger differences stay,
-    for `check` to refuse.
+    for `check_data` to refuse.
     """
-    before, after = (vertex - 1) % problem.polygon.n_sides, vertex
+    before = (vertex - 1) % problem.polygon.n_sides
+    after = vertex
     if not (callable(problem.g[before]) or callable(problem.g[after])):
         return
     x, y = problem.polygon.vertices[vertex]
-    values, sizes = [], []
+    values = []
+    sizes = []
     for side, index in ((before, -1), (after, 0)):
         data = g[side]
         if isinstance(data, NodalTrace):
-            at_vertex, size = data.values[index], np.abs(data.values).max()
+            at_vertex = data.values[index]
+            size = np.abs(data.values).max()
         else:
             at_vertex = compile_numpy([as_formula(data)], "xy")(x, y)[0].item()
             size = abs(at_vertex)
         values.append(at_vertex)
         sizes.append(size)
+    # By half of the digits of the value at the vertex, or the rounding of terms that cancel there
     allowed = FUNCTION_ACCURACY * max(map(abs, values)) + FUNCTION_ROUNDING * max(sizes)
     if abs(values[1] - values[0]) > allowed:
         return
-    start, end = g[after], g[before]
+    start = g[after]
+    end = g[before]
     if callable(problem.g[after]) and isinstance(start, NodalTrace):
         start.values[0] = values[0]
     elif callable(problem.g[before]) and isinstance(end, NodalTrace):
         end.values[-1] = values[1]
 
 
-def _coefficient(given: object, where: str, or_0: bool = False) -> Expression:
-    """An exact number that is positive, `or_0`, and of a size that leaves room for those of the data."""
-    given = arguments.number(given, where)
-    if isinstance(given, bool) or not isinstance(given, str | Number):
+def _read_coefficient(value: object, where: str, allow_zero: bool = False) -> Expression:
+    """An exact number that is positive, or 0 if that is allowed, and of a size that suits the data."""
+    value = arguments.as_file_number(value, where)
+    if isinstance(value, bool) or not isinstance(value, str | Number):
         raise InputError(
-            f"{where}: it is {shown(repr(given))}; it has to be an exact number, such as 3, 0.05 or 1/3"
+            f"{where}: it is {quote_input(repr(value))}; it has to be an exact number, such as 3, 0.05 or 1/3"
         )
-    coefficient = number(given, where)
-    if or_0 and coefficient == ZERO:
+    coefficient = parse_number(value, where)
+    if allow_zero and coefficient == ZERO:
         return coefficient
-    if not 1 / MAX_COEFFICIENT <= rounded(coefficient) <= MAX_COEFFICIENT:
+    if not 1 / MAX_COEFFICIENT <= as_float(coefficient) <= MAX_COEFFICIENT:
         raise InputError(
-            f"{where}: it is {shown(given)}; it has to be a positive number, "
-            f"between {1 / MAX_COEFFICIENT:g} and {MAX_COEFFICIENT:g}" + ", or 0" * or_0
+            f"{where}: it is {quote_input(value)}; it has to be a positive number, "
+            f"between {1 / MAX_COEFFICIENT:g} and {MAX_COEFFICIENT:g}" + ", or 0" * allow_zero
         )
     return coefficient

@@ -23,23 +23,23 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas import interval
 from unilateral.formulas.exact_numbers import pos
-from unilateral.formulas.expression import ONE, Expression, number, total
-from unilateral.formulas.formula import Compiled, compile_numpy
-from unilateral.formulas.taylor import EPS, Model, settled
-from unilateral.geometry.curves import Kink, Singular
-from unilateral.problems.atoms import Along, Local, Regularity, T
-from unilateral.problems.polar_atoms import Polar, harmonic
+from unilateral.formulas.expression import ONE, Expression, rational_expression, sum_terms
+from unilateral.formulas.formula import CompiledFormulas, compile_numpy
+from unilateral.formulas.taylor import EPS, TaylorModel, tighten_model
+from unilateral.geometry.curves import Kink, SingularPoint
+from unilateral.problems.atoms import Regularity, SideAtom, SidePoints, T
+from unilateral.problems.polar_atoms import PolarAtom, make_harmonic_atom
 
-Interval = tuple[Fraction, Fraction]
-DUST = Fraction(1, 100)
+ExactInterval = tuple[Fraction, Fraction]
+UNREMOVED_GAP_FACTOR = Fraction(1, 100)
 """The gap on the intervals that are left is multiplied by this.
 
 They are no part of the set, which has measure 0, and their gap must not outweigh that of the removed ones.
 """
-Parts = tuple[Index, Array, Array, list[Array]]
+SupportPoints = tuple[Index, Array, Array, list[Array]]
 
 
-class Family(NamedTuple):
+class CantorSet(NamedTuple):
     """The set between t = inset and t = 1 - inset: the share kept at either end, and how many generations."""
 
     keep: Fraction
@@ -51,133 +51,179 @@ class Family(NamedTuple):
         """The dimension of the set that is not truncated."""
         return log(2) / log(1 / self.keep)
 
-    def order(self, power: Fraction) -> float:
+    def sobolev_order(self, power: Fraction) -> float:
         """A function that is like s^power on the removed intervals is in H^tau for every tau below this."""
         return float(power) + (1 - self.dimension) / 2
 
-    def divided(self) -> tuple[list[Interval], list[Interval], list[Interval]]:
+    def sort_intervals(self) -> tuple[list[ExactInterval], list[ExactInterval], list[ExactInterval]]:
         """The intervals that odd generations remove, that even ones remove, and that are left."""
-        left: list[Interval] = [(self.inset, 1 - self.inset)]
-        removed: tuple[list[Interval], list[Interval]] = ([], [])
+        intervals: list[ExactInterval] = [(self.inset, 1 - self.inset)]
+        removed: tuple[list[ExactInterval], list[ExactInterval]] = ([], [])
         for generation in range(self.generations):
-            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in left]
+            # [a, b] loses the middle [c, d] and keeps [a, c] and [d, b], `keep` of its length each
+            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in intervals]
             removed[generation % 2].extend(inner)
-            left = [pair for (a, b), (c, d) in zip(left, inner, strict=True) for pair in ((a, c), (d, b))]
-        return *removed, left
+            intervals = [
+                pair for (a, b), (c, d) in zip(intervals, inner, strict=True) for pair in ((a, c), (d, b))
+            ]
+        return *removed, intervals
 
 
-def gap(family: Family, gamma: Fraction) -> Expression:
+def cantor_gap(cantor_set: CantorSet, gamma: Fraction) -> Expression:
     """u - g as a formula in t: ((t - c)(d - t)/(d - c))^gamma on what even generations remove.
 
-    On what is left it is DUST times that. From the set's ends it grows like s^gamma to the vertices.
+    On what is left it is UNREMOVED_GAP_FACTOR times that. From the set's ends it grows like s^gamma to the
+    vertices.
     """
-    _, removed, left = family.divided()
-    parts = [pos(family.inset - T, gamma), pos(T - 1 + family.inset, gamma)]
-    parts += [pos((T - c) * (d - T), gamma) / number(d - c) ** gamma for c, d in removed]
-    parts += [DUST * pos((T - c) * (d - T), gamma) / number(d - c) ** gamma for c, d in left]
-    return total(term for part in parts for term in part.terms)
+    _, removed, intervals = cantor_set.sort_intervals()
+    gaps = [pos(cantor_set.inset - T, gamma), pos(T - 1 + cantor_set.inset, gamma)]
+    gaps += [pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma for c, d in removed]
+    gaps += [
+        UNREMOVED_GAP_FACTOR * pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma
+        for c, d in intervals
+    ]
+    return sum_terms(term for gap in gaps for term in gap.terms)
 
 
-def _summed(index: Index, values: Array, points: Array) -> Array:
-    """(k,) the values (m,) added up at the k points whose numbers are `index` (m,)."""
+def _sum_at_points(index: Index, values: Array, points: Array) -> Array:
+    """The values (m,) added up at the points whose numbers are `index` (m,), (k,)."""
     return np.bincount(index, values, len(points)).astype(float, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Cantor(Local):
+class CantorAtom(SideAtom):
     """The atom on a side; its place t is the side's start."""
 
-    family: Family
+    cantor_set: CantorSet
     alpha: Fraction
 
     @property
     def flux_order(self) -> float:
         """lambda is in H^sigma on the side for every sigma below this."""
-        return self.family.order(self.alpha)
+        return self.cantor_set.sobolev_order(self.alpha)
 
     @property
     def regularity(self) -> Regularity:
-        bounded, order = self.alpha >= 0, self.flux_order
+        """The regularity of u and lambda, from alpha and the dimension of the set."""
+        # lambda in H^s: u is in H^2 for an s >= 1/2; lambda ~ s^alpha is bounded for alpha >= 0
+        bounded = self.alpha >= 0
+        order = self.flux_order
         return Regularity(order > 1 / 2, bounded, order > 0, bounded, finite=False)
 
     @cached_property
-    def _contact(self) -> Array:
-        """(k, 2) ends of the contact intervals."""
-        return np.array(sorted(self.family.divided()[0]), dtype=float)
+    def _contact_intervals(self) -> Array:
+        """Ends of the contact intervals, (k, 2)."""
+        return np.array(sorted(self.cantor_set.sort_intervals()[0]), dtype=float)
 
     @cached_property
-    def _unit(self) -> Compiled:
+    def _unit_atom(self) -> CompiledFormulas:
         """v, dv/dr, (dv/dtheta)/r and Delta v of the atom whose contact is [0, 1], in r and theta."""
-        one = harmonic(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
-        return compile_numpy(one.derived, ("r", "theta"))
+        atom = make_harmonic_atom(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
+        return compile_numpy(atom.derivatives, ("r", "theta"))
 
-    def _parts(self, along: Array, into: Array) -> Parts:
+    def _evaluate_in_supports(self, along: Array, into: Array) -> SupportPoints:
         """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
-        starts, lengths = self._contact[:, 0], np.diff(self._contact)[:, 0]
+        # A support is the half disc of radius l about a start; `near` are the points below the largest l
+        starts = self._contact_intervals[:, 0]
+        lengths = np.diff(self._contact_intervals)[:, 0]
         near = np.flatnonzero(into < lengths.max())
         near = near[np.argsort(along[near], kind="stable")]
+        # Those with start - l <= along < start + l, support by support; a point may lie in several
         ends = np.searchsorted(along[near], [starts - lengths, starts + lengths])
         points = np.concatenate([near[first:last] for first, last in ends.T])
         interval = np.repeat(np.arange(len(starts)), np.diff(ends, axis=0)[0])
-        x, y, length = along[points] - starts[interval], into[points], lengths[interval]
+        x = along[points] - starts[interval]
+        y = into[points]
+        length = lengths[interval]
         r = np.hypot(x, y)
         inside = (r > 0) & (r < length)
-        theta, length = np.arctan2(y[inside], x[inside]), length[inside]
-        return points[inside], length, theta, self._unit(r[inside] / length, theta)
+        theta = np.arctan2(y[inside], x[inside])
+        length = length[inside]
+        return points[inside], length, theta, self._unit_atom(r[inside] / length, theta)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        return self.whole(points, offset)[:2]
+        """Values (k,) and gradients (k, 2) at points + offset."""
+        return self.value_gradient_and_source(points, offset)[:2]
 
-    def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        along, into = self.local_inside(points, offset)
-        index, length, theta, (v, v_r, v_theta, laplacian) = self._parts(along, into)
-        scale, size = length ** float(self.alpha), self.length * length
-        slopes = self.polar_to_xy(theta, scale * v_r, scale * v_theta).T
-        of_parts = (size * scale * v, *slopes, scale * (size * v - laplacian / size))
-        value, dx, dy, f = (_summed(index, each, along) for each in of_parts)
+    def value_gradient_and_source(
+        self, points: Array, offset: Array | float = 0.0
+    ) -> tuple[Array, Array, Array]:
+        """Values, gradients and values of -Delta u + u at points + offset."""
+        along, into = self.local_coordinates_inside(points, offset)
+        index, length, theta, (v, v_r, v_theta, laplacian) = self._evaluate_in_supports(along, into)
+        # An atom on an interval of length l (in units of L) is L l l^alpha v(r / l): lambda is like s^alpha
+        scale = length ** float(self.alpha)
+        size = self.length * length
+        slopes = self.rotate_polar_to_xy(theta, scale * v_r, scale * v_theta).T
+        value = _sum_at_points(index, size * scale * v, along)
+        dx = _sum_at_points(index, slopes[0], along)
+        dy = _sum_at_points(index, slopes[1], along)
+        f = _sum_at_points(index, scale * (size * v - laplacian / size), along)
         return value, np.column_stack([dx, dy]), f
 
-    def vanishes(self, centre: Array, radius: Array) -> Mask:
-        return self.local(centre)[1] - radius / self.length > np.diff(self._contact).max()
+    def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
+        """Whether u is known to be 0 in each circle, (k,)."""
+        return (
+            self.local_coordinates(centre)[1] - radius / self.length > np.diff(self._contact_intervals).max()
+        )
 
-    def value_model(self, x: Model, y: Model) -> Model:
-        return self._sum(Polar.value_model, x, y)
+    def value_model(self, x: TaylorModel, y: TaylorModel) -> TaylorModel:
+        """The model of u on the boxes of x and y."""
+        return self._sum_models(PolarAtom.value_model, x, y)
 
-    def source_model(self, x: Model, y: Model) -> Model:
-        return self._sum(Polar.source_model, x, y)
+    def source_model(self, x: TaylorModel, y: TaylorModel) -> TaylorModel:
+        """The model of -Delta u + u on the boxes of x and y."""
+        return self._sum_models(PolarAtom.source_model, x, y)
 
-    def _sum(self, of: Callable[[Polar, Model, Model], Model], x: Model, y: Model) -> Model:
+    def _sum_models(
+        self,
+        enclose: Callable[[PolarAtom, TaylorModel, TaylorModel], TaylorModel],
+        x: TaylorModel,
+        y: TaylorModel,
+    ) -> TaylorModel:
         """The sum over the atoms, each on the boxes that may meet its support."""
-        (first, last), (low, _) = (z.range for z in self.local_models(x, y))
-        c, rad, lower, upper = np.zeros_like(x.c), *np.zeros((3, len(x.rad)))
-        for (start, end), atom in zip(self._contact, self._atoms, strict=True):
-            at = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
-            if at.size:
-                more = of(atom, x.on(at), y.on(at))
-                c[:, at] += more.c
-                rad[at] += more.rad + EPS * np.abs(c[:, at]).sum(axis=0)
-                lower[at], upper[at] = interval.total((lower[at], upper[at]), more.range)
-        return settled(x.basis, c, rad, (lower, upper))
+        t, d = self.local_models(x, y)
+        first, last = t.range
+        low, _ = d.range
+        c = np.zeros_like(x.c)
+        rad = np.zeros_like(x.rad)
+        lower = np.zeros_like(x.rad)
+        upper = np.zeros_like(x.rad)
+        for (start, end), atom in zip(self._contact_intervals, self._atoms, strict=True):
+            # the boxes that may meet [start - l, start + l] x [0, l], l = end - start
+            boxes = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
+            if boxes.size:
+                model = enclose(atom, x.select_boxes(boxes), y.select_boxes(boxes))
+                c[:, boxes] += model.c
+                rad[boxes] += model.rad + EPS * np.abs(c[:, boxes]).sum(axis=0)
+                lower[boxes], upper[boxes] = interval.add_intervals((lower[boxes], upper[boxes]), model.range)
+        return tighten_model(x.basis, c, rad, (lower, upper))
 
     @cached_property
-    def _atoms(self) -> list[Polar]:
+    def _atoms(self) -> list[PolarAtom]:
         """The harmonic atoms of the contact intervals."""
-        intervals = sorted(self.family.divided()[0])
-        return [harmonic(self.polygon, self.side, float(a), self.alpha, number(b - a)) for a, b in intervals]
+        intervals = sorted(self.cantor_set.sort_intervals()[0])
+        return [
+            make_harmonic_atom(self.polygon, self.side, float(a), self.alpha, rational_expression(b - a))
+            for a, b in intervals
+        ]
 
-    def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
-        """(k,) values of u and of its outward normal derivative on the side."""
-        index, length, theta, (v, _, v_theta, _) = self._parts(along.t, np.zeros_like(along.t))
+    def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
+        """Values of u and of its outward normal derivative on the side, (k,) each."""
+        # du/dn = -(dv/dtheta)/r for theta = 0 and +(dv/dtheta)/r for theta = pi
+        index, length, theta, (v, _, v_theta, _) = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
         scale = length ** float(self.alpha)
-        value = _summed(index, self.length * length * scale * v, along.t)
-        return value, _summed(index, scale * np.where(theta > 0, v_theta, -v_theta), along.t)
+        value = _sum_at_points(index, self.length * length * scale * v, along.t)
+        return value, _sum_at_points(index, scale * np.where(theta > 0, v_theta, -v_theta), along.t)
 
     def kinks(self) -> list[Kink]:
-        centres = self.centre + self._contact[:, :1] * self.length * self.frame[0]
-        lengths = np.diff(self._contact)[:, 0] * self.length
+        """The circles about the starts of the contact intervals at which cutoffs end."""
+        centres = self.centre + self._contact_intervals[:, :1] * self.length * self.frame[0]
+        lengths = np.diff(self._contact_intervals)[:, 0] * self.length
         return [Kink((x, y), length) for (x, y), length in zip(centres.tolist(), lengths, strict=True)]
 
-    def singular(self) -> list[Singular]:
+    def singular_points(self) -> list[SingularPoint]:
+        """The ends of the contact intervals."""
         kinds = (self.alpha.denominator, 1)
-        ends = self._contact.tolist()
-        return [Singular(self.side, t, k) for pair in ends for t, k in zip(pair, kinds, strict=True)]
+        ends = self._contact_intervals.tolist()
+        return [SingularPoint(self.side, t, k) for pair in ends for t, k in zip(pair, kinds, strict=True)]

@@ -9,141 +9,161 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from unilateral.errors import InputError, shown
+from unilateral.errors import InputError, quote_input
 from unilateral.formulas import formula
-from unilateral.formulas.exact_numbers import rounded, sign
-from unilateral.formulas.expression import Expression, atoms_in, has_log, roots_in
-from unilateral.formulas.formula import kinks
-from unilateral.formulas.grammar import FUNCTIONS, JUMP, KINK, MAX_DENOMINATOR, NO_LOG, NO_ROOT
+from unilateral.formulas.exact_numbers import as_float, sign
+from unilateral.formulas.expression import Expression, find_fractional_powers, find_functions, has_log
+from unilateral.formulas.formula import find_kinks
+from unilateral.formulas.grammar import (
+    FUNCTION_ARITIES,
+    JUMP_POWER,
+    KINK_POWER,
+    MAX_DENOMINATOR,
+    NO_LOG,
+    NO_ROOT,
+)
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.atoms import Smooth, Tensor
-from unilateral.problems.cantor_atom import Cantor, Family
-from unilateral.problems.cantor_atom import gap as cantor_gap
-from unilateral.problems.polar_atoms import Polar, corner, harmonic
+from unilateral.problems.atoms import SmoothAtom, TensorAtom
+from unilateral.problems.cantor_atom import CantorAtom, CantorSet
+from unilateral.problems.cantor_atom import cantor_gap as cantor_gap
+from unilateral.problems.polar_atoms import PolarAtom, make_corner_atom, make_harmonic_atom
 
-RESERVED = {"x", "y", "t", "pi", *FUNCTIONS}
-Atom = Smooth | Tensor | Polar | Cantor
-Constants = dict[str, Expression]
+RESERVED_NAMES = {"x", "y", "t", "pi", *FUNCTION_ARITIES}
+CaseAtom = SmoothAtom | TensorAtom | PolarAtom | CantorAtom
+CaseConstants = dict[str, Expression]
 
 
-def constants_of(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> Constants:
+def read_constants(declaration: Mapping[str, Any], polygon: Polygon, where: str) -> CaseConstants:
+    """The constants that a case declares, by name, for that polygon."""
     constants = {}
     for name, value in declaration.get("constants", {}).items():
         if isinstance(value, Mapping):
             if polygon.name not in value:
                 raise InputError(f"{where}: the constant '{name}' has no value for '{polygon.name}'")
             value = value[polygon.name]
-        _check_name(name, where)
-        constants[name] = formula.number(value, f"{where}, constant {name}")
+        _check_constant_name(name, where)
+        constants[name] = formula.parse_number(value, f"{where}, constant {name}")
     return constants
 
 
-def _check_name(name: str, where: str) -> None:
+def _check_constant_name(name: str, where: str) -> None:
     """Raises InputError unless Python allows the constant's name and nothing else has it."""
-    if name in RESERVED or keyword.iskeyword(name) or not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
+    if name in RESERVED_NAMES or keyword.iskeyword(name) or not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name):
         fault = "cannot be a constant's name; take one such as c1 that formulas do not have"
-        raise InputError(f"{where}, field constants: '{shown(name)}' {fault}")
+        raise InputError(f"{where}, field constants: '{quote_input(name)}' {fault}")
 
 
 @dataclass(frozen=True)
-class Builder:
+class CaseBuilder:
+    """Reads the formulas of a case on a polygon, in which its constants stand by their names."""
+
     where: str
     polygon: Polygon
-    base: int
-    constants: Constants
+    base_side: int
+    constants: CaseConstants
 
-    def formula(self, text: object, variables: str, where: str, least_power: int | None = JUMP) -> Expression:
+    def parse_formula(
+        self, text: object, variables: str, where: str, least_power: int | None = JUMP_POWER
+    ) -> Expression:
         """A formula in variables of one letter each, with the values of the constants."""
-        parsed = formula.parse(text, [*variables, *self.constants], where, least_power)
-        return formula.substituted(parsed, self.constants, where)
+        parsed = formula.parse_formula(text, [*variables, *self.constants], where, least_power)
+        return formula.substitute(parsed, self.constants, where)
 
-    def along_side(self, text: object, where: str, least_power: int = KINK) -> Expression:
+    def parse_side_formula(self, text: object, where: str, least_power: int = KINK_POWER) -> Expression:
         """A formula in t whose kinks can be found."""
-        of_t = self.formula(text, "t", where, least_power)
-        if has_log(of_t):
+        parsed = self.parse_formula(text, "t", where, least_power)
+        if has_log(parsed):
             raise InputError(f"{where}: {NO_LOG}")
-        if roots_in(of_t):
+        if find_fractional_powers(parsed):
             raise InputError(f"{where}: {NO_ROOT}")
         try:
-            kinks(of_t, "t")
+            find_kinks(parsed, "t")
         except ValueError as error:
             raise InputError(f"{where}: {error}") from None
-        return of_t
+        return parsed
 
-    def side(self, offset: int) -> int:
-        return (self.base + offset) % self.polygon.n_sides
+    def side_number(self, offset: int) -> int:
+        """The side of the polygon at that offset from the base side."""
+        return (self.base_side + offset) % self.polygon.n_sides
 
-    def atom(self, entry: Mapping[str, Any], where: str) -> Atom:
+    def build_atom(self, entry: Mapping[str, Any], where: str) -> CaseAtom:
+        """The atom that an entry of the field u declares."""
         if entry["atom"] == "smooth":
-            u = self.formula(entry["formula"], "xy", where, least_power=None)
-            if atoms_in(u, "pos") or has_log(u) or roots_in(u):
+            u = self.parse_formula(entry["formula"], "xy", where, least_power=None)
+            if find_functions(u, "pos") or has_log(u) or find_fractional_powers(u):
                 raise InputError(f"{where}: a smooth atom has no pos, log or fractional power")
-            return Smooth(u)
-        side = entry["vertex"] if "vertex" in entry else self.side(entry["side"])
+            return SmoothAtom(u)
+        side = entry["vertex"] if "vertex" in entry else self.side_number(entry["side"])
         if side >= self.polygon.n_sides:
             raise InputError(
                 f"{where}, vertex: '{self.polygon.name}' has the vertices 0 to {self.polygon.n_sides - 1}"
             )
         if entry["atom"] == "tensor":
-            profile = self.along_side(entry["profile"], f"{where}, profile", least_power=2)
-            if any(k <= Fraction(3, 2) for _, k in kinks(profile, "t")):
+            profile = self.parse_side_formula(entry["profile"], f"{where}, profile", least_power=2)
+            if any(k <= Fraction(3, 2) for _, k in find_kinks(profile, "t")):
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
-            return Tensor(self.polygon, side, 0.0, profile, self._cutoff(entry, where))
+            return TensorAtom(self.polygon, side, 0.0, profile, self._read_cutoff(entry, where))
         if entry["atom"] == "cantor":
-            alpha = self._fraction(entry, "alpha", where)
-            return Cantor(self.polygon, side, 0.0, self.family(entry, where), alpha)
-        cutoff = self._cutoff(entry, where) if "cutoff" in entry else None
-        times = formula.number(entry.get("times", 1), f"{where}, times")
+            alpha = self._read_exponent(entry, "alpha", where)
+            return CantorAtom(self.polygon, side, 0.0, self.read_cantor_set(entry, where), alpha)
+        cutoff = self._read_cutoff(entry, where) if "cutoff" in entry else None
+        times = formula.parse_number(entry.get("times", 1), f"{where}, times")
         if entry["atom"] == "corner":
-            power = self._fraction(entry, "alpha", where) if "alpha" in entry else None
-            return corner(self.polygon, side, entry["kind"], power, cutoff, times)
-        at = formula.number(entry["at"], f"{where}, at")
-        if not 0 < rounded(at) < 1:
-            raise InputError(f"{where}, at: {at} must lie between 0 and 1")
-        alpha = self._fraction(entry, "alpha", where)
-        return harmonic(self.polygon, side, rounded(at), alpha, cutoff, times)
+            power = self._read_exponent(entry, "alpha", where) if "alpha" in entry else None
+            return make_corner_atom(self.polygon, side, entry["kind"], power, cutoff, times)
+        position = formula.parse_number(entry["at"], f"{where}, at")
+        if not 0 < as_float(position) < 1:
+            raise InputError(f"{where}, at: {position} must lie between 0 and 1")
+        alpha = self._read_exponent(entry, "alpha", where)
+        return make_harmonic_atom(self.polygon, side, as_float(position), alpha, cutoff, times)
 
-    def _cutoff(self, entry: Mapping[str, Any], where: str) -> Expression:
-        cutoff = formula.number(entry["cutoff"], f"{where}, cutoff")
+    def _read_cutoff(self, entry: Mapping[str, Any], where: str) -> Expression:
+        cutoff = formula.parse_number(entry["cutoff"], f"{where}, cutoff")
         if sign(cutoff) <= 0:
             raise InputError(f"{where}, cutoff: {cutoff} must be positive")
         return cutoff
 
-    def family(self, entry: Mapping[str, Any], where: str) -> Family:
-        shares = {name: formula.fraction(entry[name], f"{where}, {name}") for name in ("keep", "inset")}
+    def read_cantor_set(self, entry: Mapping[str, Any], where: str) -> CantorSet:
+        """The Cantor set with the fields keep, inset and generations."""
+        shares = {name: formula.parse_fraction(entry[name], f"{where}, {name}") for name in ("keep", "inset")}
         for name, value in shares.items():
             if not 0 < value < Fraction(1, 2):
                 raise InputError(f"{where}, {name}: {value} must lie between 0 and 1/2")
-        return Family(shares["keep"], entry["generations"], shares["inset"])
+        return CantorSet(shares["keep"], entry["generations"], shares["inset"])
 
-    def _fraction(self, entry: Mapping[str, Any], name: str, where: str) -> Fraction:
+    def _read_exponent(self, entry: Mapping[str, Any], name: str, where: str) -> Fraction:
         """The exponent in the field `name`, a simple fraction."""
-        exponent = formula.fraction(entry[name], f"{where}, {name}")
+        exponent = formula.parse_fraction(entry[name], f"{where}, {name}")
         if exponent.denominator > MAX_DENOMINATOR:
             limit = f"a fraction, with a denominator of at most {MAX_DENOMINATOR}"
             raise InputError(f"{where}, {name}: {exponent} must be {limit}")
         return exponent
 
-    def _cantor_gap(self, entry: Mapping[str, Any], where: str) -> Expression:
-        gamma = self._fraction(entry, "gamma", where)
+    def _build_cantor_gap(self, entry: Mapping[str, Any], where: str) -> Expression:
+        gamma = self._read_exponent(entry, "gamma", where)
         if gamma <= 0:
             raise InputError(f"{where}, gamma: {gamma} must be positive")
-        return cantor_gap(self.family(entry, where), gamma)
+        return cantor_gap(self.read_cantor_set(entry, where), gamma)
 
-    def values(self, entries: Sequence[Mapping[str, Any]]) -> dict[int, Expression]:
-        """What u is on clamped sides, in x and y."""
-        found = {}
+    def read_clamped_values(self, entries: Sequence[Mapping[str, Any]]) -> dict[int, Expression]:
+        """u on the clamped sides, formulas in x and y by side."""
+        values = {}
         for i, entry in enumerate(entries):
-            found[self.side(entry["side"])] = self.formula(entry["u"], "xy", f"{self.where}, clamped[{i}]")
-        return found
+            values[self.side_number(entry["side"])] = self.parse_formula(
+                entry["u"], "xy", f"{self.where}, clamped[{i}]"
+            )
+        return values
 
-    def gaps(self, entry: Mapping[str, Any]) -> tuple[Expression, ...]:
-        result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides
+    def build_gaps(self, entry: Mapping[str, Any]) -> tuple[Expression, ...]:
+        """The gap u - g on every side, a formula in t."""
+        result = [
+            self.parse_side_formula(entry["elsewhere"], f"{self.where}, gap.elsewhere")
+        ] * self.polygon.n_sides
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
             if "cantor" in item:
-                gap = self._cantor_gap(item["cantor"], f"{place}, cantor")
+                gap = self._build_cantor_gap(item["cantor"], f"{place}, cantor")
             else:
-                gap = self.along_side(item["formula"], place)
-            result[self.side(item["side"])] = gap
+                gap = self.parse_side_formula(item["formula"], place)
+            result[self.side_number(item["side"])] = gap
         return tuple(result)

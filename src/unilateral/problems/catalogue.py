@@ -6,11 +6,11 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 
 
-def folder() -> Traversable:
+def catalogue_folder() -> Traversable:
     """The folder of their YAML files."""
     return resources.files("unilateral.manufactured")
 
 
-def names() -> list[str]:
+def case_names() -> list[str]:
     """The names in alphabetical order."""
-    return sorted(entry.name[:-5] for entry in folder().iterdir() if entry.name.endswith(".yaml"))
+    return sorted(entry.name[:-5] for entry in catalogue_folder().iterdir() if entry.name.endswith(".yaml"))

@@ -8,50 +8,56 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unilateral.errors import shown
+from unilateral.errors import quote_input
 from unilateral.formulas.expression import ONE, Expression
 from unilateral.problems.nodal import NodalTrace
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
 
-FUNCTION = "a function"
-LINEAR_BETWEEN_NODES = "linear between the nodes of the mesh"
+FUNCTION_TEXT = "a function"
+NODAL_VALUES_TEXT = "linear between the nodes of the mesh"
 """What is printed in place of a function, and of values at nodes."""
 
 
-def fields_of(of: Problem) -> dict[str, str]:
+def problem_fields(problem: Problem) -> dict[str, str]:
     """The fields by their names; k, c, free sides and q only if they are given."""
-    if of.exact:
-        return {"polygon": repr(of.polygon), "free sides": listed(of.free_sides)}
-    clamped, n = of.clamped_sides, of.polygon.n_sides
-    held = [side for side in range(n) if side not in of.free_sides and side not in clamped]
-    found = {"polygon": f"{of.polygon.n_sides} sides, area {of.polygon.area:.4g}"}
-    found["f"] = _written(of.f)
-    found |= {"g": _on_sides(of.g, held)} if held else {}
+    if problem.exact:
+        return {"polygon": repr(problem.polygon), "free sides": join_sides(problem.free_sides)}
+    clamped = problem.clamped_sides
+    n = problem.polygon.n_sides
+    contact_sides = [side for side in range(n) if side not in problem.free_sides and side not in clamped]
+    fields = {"polygon": f"{problem.polygon.n_sides} sides, area {problem.polygon.area:.4g}"}
+    fields["f"] = _data_text(problem.f)
+    fields |= {"g": _side_data_text(problem.g, contact_sides)} if contact_sides else {}
     if clamped:
-        found["clamped sides"], found["u there"] = listed(clamped), _on_sides(of.g, clamped)
-    found |= {name: str(each) for name, each in (("k", of.k), ("c", of.c)) if each != ONE}
-    if of.free_sides:
-        found["free sides"] = listed(of.free_sides)
-        q = _on_sides(of.q, of.free_sides) if of.q else "0"
-        found |= {"q": q} if q != "0" else {}
-    return found
+        fields["clamped sides"] = join_sides(clamped)
+        fields["u there"] = _side_data_text(problem.g, clamped)
+    fields |= {
+        name: str(coefficient)
+        for name, coefficient in (("k", problem.k), ("c", problem.c))
+        if coefficient != ONE
+    }
+    if problem.free_sides:
+        fields["free sides"] = join_sides(problem.free_sides)
+        q = _side_data_text(problem.q, problem.free_sides) if problem.q else "0"
+        fields |= {"q": q} if q != "0" else {}
+    return fields
 
 
-def headed(of: Problem) -> str:
+def problem_heading(problem: Problem) -> str:
     """The name and, if there is one, the title."""
-    if of.exact:
-        return f"Case '{of.name}' on '{of.polygon.name}': {of.title}"
-    return f"Problem '{of.name}'" + (f": {of.title}" if of.title else "")
+    if problem.exact:
+        return f"Case '{problem.name}' on '{problem.polygon.name}': {problem.title}"
+    return f"Problem '{problem.name}'" + (f": {problem.title}" if problem.title else "")
 
 
-def as_text(of: Problem) -> str:
+def as_text(problem: Problem) -> str:
     """The fields in a line; of a case the heading, which says all that was given."""
-    if of.exact:
-        return headed(of)
-    fields = ", ".join(f"{name} = {value}" for name, value in fields_of(of).items())
-    return f"{headed(of)}; {fields}"
+    if problem.exact:
+        return problem_heading(problem)
+    fields = ", ".join(f"{name} = {value}" for name, value in problem_fields(problem).items())
+    return f"{problem_heading(problem)}; {fields}"
 
 
 def as_html(head: str, fields: Mapping[str, str]) -> str:
@@ -60,21 +66,22 @@ def as_html(head: str, fields: Mapping[str, str]) -> str:
     return f"<div><p><strong>{escape(head)}</strong></p><table>{rows}</table></div>"
 
 
-def listed(sides: Sequence[int]) -> str:
+def join_sides(sides: Sequence[int]) -> str:
+    """The numbers of sides with commas, or "none"."""
     return ", ".join(map(str, sides)) or "none"
 
 
-def _on_sides(given: Sequence[object], sides: Sequence[int]) -> str:
-    """What is given on those sides: one for all if it is the same, else a list."""
-    written = [_written(given[side]) for side in sides]
-    return written[0] if len({*written}) == 1 else shown(f"[{', '.join(written)}]")
+def _side_data_text(data: Sequence[object], sides: Sequence[int]) -> str:
+    """The data on some sides as text: one for all if they are the same, else a list."""
+    written = [_data_text(data[side]) for side in sides]
+    return written[0] if len({*written}) == 1 else quote_input(f"[{', '.join(written)}]")
 
 
-def _written(data: object) -> str:
+def _data_text(data: object) -> str:
     """A formula, which is cut if it is too long, or words for a function and for values at nodes."""
     if isinstance(data, Expression):
-        return shown(data)
-    return FUNCTION if callable(data) else LINEAR_BETWEEN_NODES
+        return quote_input(data)
+    return FUNCTION_TEXT if callable(data) else NODAL_VALUES_TEXT
 
 
 def linear_fields(problem: Problem) -> list[str]:

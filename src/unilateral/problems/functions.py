@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from unilateral.arrays import Array, nodal_values
+from unilateral.arrays import Array, read_nodal_values
 from unilateral.errors import InputError
 
 Function = Callable[[Array, Array], Array]
 """A function that takes arrays x, y of one shape, and returns that shape or one number."""
-EACH = "it has to return a real number for each point"
+RETURN_NEEDED = "it has to return a real number for each point"
 
 
 def check_arguments(function: Function, where: str) -> None:
@@ -31,24 +31,25 @@ def check_arguments(function: Function, where: str) -> None:
 
 
 def evaluate_function(function: Function, points: Array, where: str) -> Array:
-    """(n,) values at points (n, 2); raises InputError where the function fails or is no finite number."""
-    x, y = np.array(points[..., 0]), np.array(points[..., 1])  # which a function may overwrite
+    """The values of a user's function at points, (n,); InputError where it fails or is no finite number."""
+    x = np.array(points[..., 0])
+    y = np.array(points[..., 1])  # which a function may overwrite
     try:
         with np.errstate(all="ignore"):
-            given = function(x, y)
+            returned = function(x, y)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise
-        raise InputError(f"{where}: {_failed(function, points.reshape(-1, 2)[0], error)}") from error
-    numbers = _numbers(given, points.shape[:-1], where)
+        raise InputError(f"{where}: {_explain_failure(function, points.reshape(-1, 2)[0], error)}") from error
+    numbers = _as_values_at_points(returned, points.shape[:-1], where)
     if not np.isfinite(numbers).all():
-        at = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
-        x, y = points[at]
-        raise InputError(f"{where}: the function is {numbers[at]} at ({x:.6g}, {y:.6g})")
+        index = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
+        x, y = points[index]
+        raise InputError(f"{where}: the function is {numbers[index]} at ({x:.6g}, {y:.6g})")
     return numbers
 
 
-def _failed(function: Function, point: Array, error: Exception) -> str:
+def _explain_failure(function: Function, point: Array, error: Exception) -> str:
     """Why a function does not take arrays, and what to write; it may take one point at a time."""
     try:
         with np.errstate(all="ignore"):
@@ -64,12 +65,12 @@ def _failed(function: Function, point: Array, error: Exception) -> str:
     )
 
 
-def _numbers(given: object, shape: tuple[int, ...], where: str) -> Array:
-    """What a function returned as numbers of that shape; one number is that of all points."""
-    numbers = nodal_values(given, f"{where}, value of the function", EACH)
+def _as_values_at_points(values: object, shape: tuple[int, ...], where: str) -> Array:
+    """The numbers that a function returned, in the shape of the points; one number is that of all points."""
+    numbers = read_nodal_values(values, f"{where}, value of the function", RETURN_NEEDED)
     if numbers.size != 1 and numbers.shape != shape:
         raise InputError(
             f"{where}: the function returns an array of the shape {numbers.shape} for x and y of the shape "
-            f"{shape}; {EACH}"
+            f"{shape}; {RETURN_NEEDED}"
         )
     return np.full(shape, numbers.item()) if numbers.size == 1 else numbers.copy()

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments, problem_file
 from unilateral.problems import case as cases
-from unilateral.problems.case_certificate import certify, with_free_sides
+from unilateral.problems.case_certificate import certify_case, set_free_sides
 from unilateral.problems.problem import Problem
-from unilateral.system.files import path_of
+from unilateral.system.files import check_path
 
 
 def case(
@@ -29,20 +29,24 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
-    given = str(path_of(name, "natural"))
+    case_name = str(check_path(name, "natural"))
     if polygon is None:
-        polygons = cases.declared(given)[0]["polygons"]
+        polygons = cases.read_case_declaration(case_name)[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
-    on = polygon if isinstance(polygon, Polygon) else str(path_of(polygon, "square"))
-    domain = problem_file.polygon_of(on) if isinstance(on, str) else on
-    found = cases.load(given, domain, arguments.side(side, domain.n_sides, "side"))
-    certify(found)
-    free = arguments.sides(free_sides, domain.n_sides, "free sides")
-    return with_free_sides(found.problem, free) if free else found.problem
+    polygon_or_name = polygon if isinstance(polygon, Polygon) else str(check_path(polygon, "square"))
+    domain = (
+        problem_file.load_polygon(polygon_or_name) if isinstance(polygon_or_name, str) else polygon_or_name
+    )
+    solution = cases.load_solution(case_name, domain, arguments.as_side_number(side, domain.n_sides, "side"))
+    certify_case(solution)
+    free = arguments.as_side_numbers(free_sides, domain.n_sides, "free sides")
+    return set_free_sides(solution.problem, free) if free else solution.problem
 
 
 def load(path: str | os.PathLike[str]) -> Problem:
-    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field.
+    """The problem, or the case, that a YAML file declares.
+
+    Raises InputError with the file and the field.
 
     >>> import pathlib, tempfile
     >>> import unilateral as ul
@@ -52,12 +56,12 @@ def load(path: str | os.PathLike[str]) -> Problem:
     ...     ul.load(file)
     Problem 'own'; polygon = 3 sides, area 0.5, f = x - 1, g = 0
     """
-    name = str(path_of(path, "problem.yaml"))
-    return problem_file.problem_in(name) or case(name)
+    name = str(check_path(path, "problem.yaml"))
+    return problem_file.load_if_problem(name) or case(name)
 
 
-def find_problem(given: object) -> Problem | None:
+def find_problem(problem_or_name: object) -> Problem | None:
     """The problem that is given, or that of a name; None for what is neither."""
-    if isinstance(given, str | os.PathLike):
-        return load(given)
-    return given if isinstance(given, Problem) else None
+    if isinstance(problem_or_name, str | os.PathLike):
+        return load(problem_or_name)
+    return problem_or_name if isinstance(problem_or_name, Problem) else None

@@ -13,67 +13,67 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.curves import Singular
+from unilateral.geometry.curves import SingularPoint
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.piecewise import (
-    ORDER,
-    PLACES,
-    SHORTEST,
-    SIGNS,
+    ARC_LENGTH_ERROR_ULPS,
+    MIN_PIECE_PER_SIDE,
+    PIECE_DEGREE,
+    POWERS_AT_MINUS_ONE,
     IntervalPieces,
     Piecewise,
     SideModel,
-    in_pieces,
-    on_intervals,
+    enclose_in_pieces,
+    enclose_on_intervals,
 )
 
-CUT = (3 - 5**0.5) / 2
+FIRST_CUT = (3 - 5**0.5) / 2
 """Where q is given a side is first cut at this part of its length.
 
 Then no jump that is written as a fraction is in the middle of a piece. There it would be taken for rounding,
 which no shorter piece takes away.
 """
-JUMP = 1e-12
+VERTEX_JUMP_TOLERANCE = 1e-12
 """What is given on two sides may differ at their vertex by this part of the larger of the two numbers there.
 
-That is for users who round: `data_checks` refuses what differs by more, beyond the doubt of both, and
+That is for users who round: `data_checks` refuses what differs by more, beyond the remainders of both, and
 `bounds.constraint` takes away what differs by less.
 """
-HIDDEN = 2.0**-26
+MAX_VERTEX_REMAINDER = 2.0**-26
 """Rounding hides whether data fit together at a vertex if it leaves fewer than half of the digits there.
 
 They are those of the larger one of the two sides, for a number itself may be 0.
 """
-TINY = 1e-140
-"""Data of this size are taken for 0, see `data_checks.SMALLEST`."""
-WIDE = 4 * PLACES
+ZERO_DATA_SIZE = 1e-140
+"""Data of this size are taken for 0, see `data_checks.MIN_DATA_SIZE`."""
+MIN_FLUX_CUT_ULPS = 4 * ARC_LENGTH_ERROR_ULPS
 """For q no piece is cut in parts shorter than half of this many units in the last place of the perimeter."""
 
 
 class EdgePolynomials(NamedTuple):
     """The polynomials of an `Obstacle` on edges, at Q Gauss points of K intervals and at the edges' ends.
 
-    The intervals lie on the edges `edge` (K,), and have that `half` length (K,). At the arc lengths s (K, Q)
-    the polynomials have the values `value` and the derivatives `slope` (K, Q); the rule's `weights` (Q,)
-    belong to [-1, 1]. `doubt`, `upper`, `steep` and `kinks` (K,) are those of the obstacle, the last within
-    `reach` of the ends of pieces.
+    The intervals lie on the edges `edge` (K,), and have that `half_length` length (K,). At the arc lengths s
+    (K, Q) the polynomials have the values `value` and the derivatives `slope` (K, Q); the rule's `weights`
+    (Q,) belong to [-1, 1]. `remainder`, `upper`, `slope_remainder` and `end_slope_remainder` (K,) are those
+    of the obstacle, the last within `reach` of the ends of pieces.
 
     At the start, the end and the midpoint of all edges the polynomials have the values `ends` (nb, 3), from
     inside the edge. At an edge's start they may differ by `allowed_jumps` (nb,) where data fit together: on
-    either of two that meet the polynomial is within its doubt of g. None is allowed, not even 0, where it is
-    `hidden`.
+    either of two that meet the polynomial is within its remainder of g. None is allowed, not even 0, where
+    the obstacle `has_hidden_jump`.
     """
 
     edge: Index
     s: Array
-    half: Array
+    half_length: Array
     weights: Array
     value: Array
     slope: Array
-    doubt: Array
+    remainder: Array
     upper: Array
-    steep: Array
-    kinks: Array
+    slope_remainder: Array
+    end_slope_remainder: Array
     reach: float
     ends: Array
     allowed_jumps: Array
@@ -83,44 +83,46 @@ class EdgePolynomials(NamedTuple):
 class Obstacle(Piecewise):
     """g, -inf on sides that are free. Where two pieces meet on a side their polynomials agree.
 
-    On clamped sides it is the given u, the derivative of which, by the arc length, is within `steep` (k,) of
-    the polynomials'. Near a piece's ends, as far as places may be rounded, it may be that of the next piece,
-    and is within `kinks` (k,). Both are 0 on all other sides.
+    On clamped sides it is the given u, the derivative of which, by the arc length, is within
+    `slope_remainder` (k,) of the polynomials'. Near a piece's ends, as far as places may be rounded, it may
+    be that of the next piece, and is within `end_slope_remainder` (k,). Both are 0 on all other sides.
 
-    At the vertices g is within `end_doubts` (2, n) of the `ends` (2, n): on the side that ends there, then on
-    the one that starts there. Both are 0 on sides that are free.
+    At the vertices g is within `end_remainders` (2, n) of the `ends` (2, n): on the side that ends there,
+    then on the one that starts there. Both are 0 on sides that are free.
     """
 
-    steep: Array
-    kinks: Array
+    slope_remainder: Array
+    end_slope_remainder: Array
     ends: Array
-    end_doubts: Array
+    end_remainders: Array
 
-    def means(self, points: Array) -> Array:
-        """(m,) the polynomials' means between arc lengths `points` (m + 1,), from 0 to the perimeter."""
-        samples = self.sample(points, ORDER // 2 + 1)
-        cell = np.searchsorted(points, samples.middle) - 1
-        integrals = samples.half * (samples.value @ samples.weights)
-        return np.asarray(np.bincount(cell, integrals, len(points) - 1) / np.diff(points))
+    def means(self, s: Array) -> Array:
+        """The polynomials' means between arc lengths s, from 0 to the perimeter, (m,)."""
+        samples = self.sample(s, PIECE_DEGREE // 2 + 1)
+        # Gauss points make integrals of degree PIECE_DEGREE exact on each interval
+        cell = np.searchsorted(s, samples.middle) - 1
+        integrals = samples.half_length * (samples.value @ samples.weights)
+        return np.asarray(np.bincount(cell, integrals, len(s) - 1) / np.diff(s))
 
     @property
     def rounded_jumps(self) -> Array:
-        """(n,) by how much `ends` may differ at the vertices, beyond their doubts, where users rounded."""
-        return np.asarray(JUMP * np.abs(self.ends).max(axis=0))
+        """Differences (n,) of the `ends`, beyond their remainders, that are allowed to users who round."""
+        return np.asarray(VERTEX_JUMP_TOLERANCE * np.abs(self.ends).max(axis=0))
 
     @property
-    def hidden(self) -> Mask:
-        """(n,) whether rounding hides at a vertex whether the two `ends` fit together.
+    def has_hidden_jump(self) -> Mask:
+        """Whether rounding hides at each vertex if the two `ends` fit together, (n,).
 
         So it is with steep data, as a place is rounded: u may jump there for all that is known.
         """
-        sizes = np.full(self.polygon.n_sides, TINY)
+        # The digits that count are those of the largest number on the two sides
+        sizes = np.full(self.polygon.n_sides, ZERO_DATA_SIZE)
         np.maximum.at(sizes, self.side, np.abs(self.c).sum(axis=0))
-        doubt = self.end_doubts.sum(axis=0)
-        apart = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + doubt
-        return ~apart & ~(doubt <= HIDDEN * np.maximum(sizes, np.roll(sizes, 1)))
+        remainder = self.end_remainders.sum(axis=0)
+        differs = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + remainder
+        return ~differs & ~(remainder <= MAX_VERTEX_REMAINDER * np.maximum(sizes, np.roll(sizes, 1)))
 
-    def on_edges(self, s: Array, side: Index, chosen: Mask, parts: int) -> EdgePolynomials:
+    def sample_on_edges(self, s: Array, side: Index, chosen: Mask, parts: int) -> EdgePolynomials:
         """The polynomials on the edges between arc lengths s (nb + 1,) of the perimeter, on the sides (nb,).
 
         The `chosen` edges (nb,) are cut into so many equal `parts`, and where pieces end.
@@ -128,33 +130,33 @@ class Obstacle(Piecewise):
         inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(parts) / parts
         samples = self.sample(np.append(inner.ravel(), s[-1]))
         edge = np.searchsorted(s, samples.middle) - 1
-        wanted = chosen[edge]
-        piece = samples.piece[wanted]
+        selected = chosen[edge]
+        piece = samples.piece[selected]
 
         # At the ends of an edge the pieces count that lie on it
-        start = self.on(s[:-1])
+        start = self.find_pieces(s[:-1])
         end = np.clip(np.searchsorted(self.points, s[1:]) - 1, 0, len(self.side) - 1)
         places = np.stack([s[:-1], s[1:], 0.5 * (s[1:] + s[:-1])], axis=1)
-        ends = self.at(np.column_stack([start, end, self.on(places[:, 2])]), places)[0]
+        ends = self.evaluate(np.column_stack([start, end, self.find_pieces(places[:, 2])]), places)[0]
 
         # If `data_checks` accepts them, the two g at a vertex differ by at most `rounded_jumps` and twice the
-        # `end_doubts`: their values are known up to these, and compared up to these
-        allowed_jumps = self.doubt[start] + np.roll(self.doubt[end], 1)
+        # `end_remainders`: their values are known up to these, and compared up to these
+        allowed_jumps = self.remainder[start] + np.roll(self.remainder[end], 1)
         vertices = np.searchsorted(side, np.arange(self.polygon.n_sides))
-        allowed_jumps[vertices] += self.rounded_jumps + 2 * self.end_doubts.sum(axis=0)
-        allowed_jumps[vertices[self.hidden]] = -np.inf
+        allowed_jumps[vertices] += self.rounded_jumps + 2 * self.end_remainders.sum(axis=0)
+        allowed_jumps[vertices[self.has_hidden_jump]] = -np.inf
         return EdgePolynomials(
-            edge=edge[wanted],
-            s=samples.s[wanted],
-            half=samples.half[wanted],
+            edge=edge[selected],
+            s=samples.s[selected],
+            half_length=samples.half_length[selected],
             weights=samples.weights,
-            value=samples.value[wanted],
-            slope=samples.slope[wanted],
-            doubt=self.doubt[piece],
+            value=samples.value[selected],
+            slope=samples.slope[selected],
+            remainder=self.remainder[piece],
             upper=self.upper[piece],
-            steep=self.steep[piece],
-            kinks=self.kinks[piece],
-            reach=PLACES * float(np.spacing(self.points[-1])),
+            slope_remainder=self.slope_remainder[piece],
+            end_slope_remainder=self.end_slope_remainder[piece],
+            reach=ARC_LENGTH_ERROR_ULPS * float(np.spacing(self.points[-1])),
             ends=ends,
             allowed_jumps=allowed_jumps,
         )
@@ -164,115 +166,159 @@ def enclose_obstacle(
     polygon: Polygon,
     model: SideModel,
     free: Sequence[int] = (),
-    least: float = -np.inf,
-    cuts: Iterable[Singular] = (),
+    u_lower_bound: float = -np.inf,
+    breakpoints: Iterable[SingularPoint] = (),
     clamped: Sequence[int] = (),
-    slope: SideModel | None = None,
+    slope_model: SideModel | None = None,
 ) -> Obstacle:
     """g on the sides that are not `free`, or the given u on those that are `clamped`.
 
-    Below `least`, which u exceeds, it need not be known as well. It takes fewer pieces if these begin and end
-    at the points where g is known not to be smooth. Each piece but a side's last is changed linearly to end
-    where the next one begins. `slope` is the derivative of u on clamped sides by the arc length in side
-    lengths.
+    Below `u_lower_bound`, which u exceeds, it need not be known as well. It takes fewer pieces if these begin
+    and end at the points where g is known not to be smooth. Each piece but a side's last is changed linearly
+    to end where the next one begins. `slope_model` is the derivative of u on clamped sides by the arc length
+    in side lengths.
     """
-    pieces = in_pieces(polygon, model, free, least, cuts)
+    pieces = enclose_in_pieces(polygon, model, free, u_lower_bound, breakpoints)
+    # p(1) of a piece is taken linearly to p(-1) of the next: + gap (1 + sigma) / 2, at most |gap|
     side, _, _, c, rad, lower, upper = pieces
-    gap = np.append((SIGNS @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
+    gap = np.append((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
     gap[np.append(side[1:] != side[:-1], True)] = 0.0
     c[:2] += 0.5 * gap
-    points = pieces.points(polygon)
-    rounding = pieces.rounding(points)
-    doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
-    bounds = lower - rounding, _of_neighbours(upper, side) + rounding
-    steep, kinks = _steep(polygon, pieces, points, clamped, slope)
-    ends, end_doubts = _at_vertices(polygon, model, free, side, c, doubt)
-    return Obstacle(polygon, points, side, c, doubt, *bounds, steep, kinks, ends, end_doubts)
+    points = pieces.arc_lengths(polygon)
+    rounding = pieces.rounding_errors(points)
+    # A rounded place may lie on the neighbour of its piece
+    remainder = _max_with_neighbours(rad + np.abs(gap) + rounding, side)
+    slope_remainder, end_slope_remainder = _slope_remainders(polygon, pieces, points, clamped, slope_model)
+    ends, end_remainders = _enclose_at_vertices(polygon, model, free, side, c, remainder)
+    return Obstacle(
+        polygon=polygon,
+        points=points,
+        side=side,
+        c=c,
+        remainder=remainder,
+        lower=lower - rounding,
+        upper=_max_with_neighbours(upper, side) + rounding,
+        slope_remainder=slope_remainder,
+        end_slope_remainder=end_slope_remainder,
+        ends=ends,
+        end_remainders=end_remainders,
+    )
 
 
-def _at_vertices(
-    polygon: Polygon, model: SideModel, free: Sequence[int], side: Index, c: Array, doubt: Array
+def _enclose_at_vertices(
+    polygon: Polygon, model: SideModel, free: Sequence[int], side: Index, c: Array, remainder: Array
 ) -> tuple[Array, Array]:
-    """(2, n), (2, n) the `ends` and `end_doubts` of an `Obstacle`.
+    """Values of g at the vertices, from both sides, and how far g may be from them, (2, n) each.
 
     g is enclosed at the vertex itself, however little is known of it on the pieces beside the vertex. If no
     enclosure is known at the vertex, as next to a singularity, that of the piece there is taken.
     """
     n = polygon.n_sides
-    ends, doubts = np.zeros((2, 2, n))
-    with_g = np.setdiff1d(np.arange(n), free)
-    for row, t in ((0, 1.0), (1, 0.0)) if with_g.size else ():
-        place = np.full(len(with_g), t)
-        exact = on_intervals(model, with_g, place, place)
-        piece = np.searchsorted(side, with_g, side="right") - 1 if t else np.searchsorted(side, with_g)
-        value = c[:, piece].sum(axis=0) if t else SIGNS @ c[:, piece]
-        known, vertex = np.isfinite(exact.rad), (with_g + int(t)) % n
-        ends[row, vertex] = np.where(known, exact.c[0], value)
-        doubts[row, vertex] = np.where(known, exact.rad, doubt[piece])
-    return ends, doubts
+    ends = np.zeros((2, n))
+    remainders = np.zeros((2, n))
+    constrained_sides = np.setdiff1d(np.arange(n), free)
+    # Row 0 has the end t = 1 of the side before the vertex, row 1 the start t = 0 of the side after it
+    for row, t in ((0, 1.0), (1, 0.0)) if constrained_sides.size else ():
+        place = np.full(len(constrained_sides), t)
+        exact = enclose_on_intervals(model, constrained_sides, place, place)
+        piece = (
+            np.searchsorted(side, constrained_sides, side="right") - 1
+            if t
+            else np.searchsorted(side, constrained_sides)
+        )
+        value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
+        finite = np.isfinite(exact.rad)
+        vertex = (constrained_sides + int(t)) % n
+        ends[row, vertex] = np.where(finite, exact.c[0], value)
+        remainders[row, vertex] = np.where(finite, exact.rad, remainder[piece])
+    return ends, remainders
 
 
-def _steep(
-    polygon: Polygon, of: IntervalPieces, points: Array, clamped: Sequence[int], slope: SideModel | None
+def _slope_remainders(
+    polygon: Polygon,
+    pieces: IntervalPieces,
+    points: Array,
+    clamped: Sequence[int],
+    slope_model: SideModel | None,
 ) -> Array:
-    """(2, k) how far the derivatives of the polynomials may be from that of u on `clamped` sides.
+    """How far the derivative of u may be from the polynomials' on each piece, and near its ends, (2, k).
 
-    The second row is for places near the ends of a piece, see `Obstacle.kinks`.
+    The second row is for places near the ends of a piece, see `Obstacle.end_slope_remainder`.
     """
-    found, at = np.zeros((2, len(of.side))), np.flatnonzero(np.isin(of.side, clamped))
-    if not at.size or slope is None:
-        return found
-    exact = on_intervals(slope, of.side[at], of.start[at], of.end[at])
-    k, half, length = np.arange(ORDER + 1.0), 0.5 * np.diff(points)[at], polygon.lengths[of.side[at]]
-    rises = np.roll(k[:, None] * of.c[:, at], -1, axis=0) / half
-    moved = 2 * PLACES * np.spacing(points[-1]) / half
-    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * moved
+    remainders = np.zeros((2, len(pieces.side)))
+    rows = np.flatnonzero(np.isin(pieces.side, clamped))
+    if not rows.size or slope_model is None:
+        return remainders
+    exact = enclose_on_intervals(slope_model, pieces.side[rows], pieces.start[rows], pieces.end[rows])
+    k = np.arange(PIECE_DEGREE + 1.0)
+    half = 0.5 * np.diff(points)[rows]
+    length = polygon.lengths[pieces.side[rows]]
+    # p' by the arc length: coefficients k c_k at the power k - 1, over half of the piece's length
+    rises = np.roll(k[:, None] * pieces.c[:, rows], -1, axis=0) / half
+    shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
+    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
+    # |u' - p'| <= sum of |differences of coefficients| + the remainder of u' + rounding, of places, too
     steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
-    jumps = np.abs((SIGNS @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
-    jumps[np.diff(of.side[at]) != 0] = 0.0
-    found[:, at] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
-    return found
+    # Near an end u' may be that of the next piece: the jump of p' there, and what both are off
+    jumps = np.abs((POWERS_AT_MINUS_ONE @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
+    jumps[np.diff(pieces.side[rows]) != 0] = 0.0
+    remainders[:, rows] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
+    return remainders
 
 
-def _of_neighbours(values: Array, side: Index) -> Array:
-    """(k,) the largest value on a piece and those beside it on its side, where a rounded place may lie."""
-    largest, same = values.copy(), side[1:] == side[:-1]
-    for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
-        largest[one] = np.where(same, np.maximum(largest[one], values[other]), largest[one])
+def _max_with_neighbours(values: Array, side: Index) -> Array:
+    """The largest value (k,) on each piece and those beside it on its side, where a rounded point may lie."""
+    largest = values.copy()
+    same = side[1:] == side[:-1]
+    for targets, neighbours in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+        largest[targets] = np.where(same, np.maximum(largest[targets], values[neighbours]), largest[targets])
     return largest
 
 
 @dataclass(frozen=True, eq=False)
-class Flux(Piecewise):
-    """q on the pieces where it is `given` (k,), and 0 on the others. It may jump.
+class GivenFlux(Piecewise):
+    """q on the pieces where it is `is_given` (k,), and 0 on the others. It may jump.
 
     Near a jump q is known less well, as far as a short piece and the rounding of places reach: within `reach`
     of points[i] it differs from the polynomials on both sides by at most `jumps` (k + 1,)[i].
     """
 
-    given: Mask
+    is_given: Mask
     jumps: Array
     reach: float
 
     @property
-    def least(self) -> float:
+    def lower_bound(self) -> float:
         """A lower bound on q on the sides on which it is given; infinite if there are none."""
-        return float(self.lower[self.given].min(initial=np.inf))
+        return float(self.lower[self.is_given].min(initial=np.inf))
 
 
-def enclose_flux(
-    polygon: Polygon, model: SideModel, on: Sequence[int], cuts: Iterable[Singular] = ()
-) -> Flux:
-    """q, given on the sides `on`, and 0 elsewhere; `cuts` as in `enclose_obstacle`."""
-    without = np.setdiff1d(np.arange(polygon.n_sides), on).tolist()
+def enclose_given_flux(
+    polygon: Polygon, model: SideModel, flux_sides: Sequence[int], breakpoints: Iterable[SingularPoint] = ()
+) -> GivenFlux:
+    """q, given on the sides `flux_sides`, and 0 elsewhere; `breakpoints` as in `enclose_obstacle`."""
+    other_sides = np.setdiff1d(np.arange(polygon.n_sides), flux_sides).tolist()
     unit = float(np.spacing(polygon.perimeter))
-    shortest = np.maximum(SHORTEST, WIDE * unit / polygon.lengths)
-    first = [*(Singular(i, CUT, 1) for i in on), *cuts]
-    pieces = in_pieces(polygon, model, without, cuts=first, shortest=shortest)
-    points = pieces.points(polygon)
-    doubt = pieces.rad + pieces.rounding(points)
+    shortest = np.maximum(MIN_PIECE_PER_SIDE, MIN_FLUX_CUT_ULPS * unit / polygon.lengths)
+    first = [*(SingularPoint(i, FIRST_CUT, 1) for i in flux_sides), *breakpoints]
+    pieces = enclose_in_pieces(polygon, model, other_sides, breakpoints=first, min_length=shortest)
+    points = pieces.arc_lengths(polygon)
+    remainder = pieces.rad + pieces.rounding_errors(points)
     side, _, _, c, _, lower, upper = pieces
-    ends = np.abs((SIGNS @ c)[1:] - c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
+    # Where two pieces meet q may have either value: |p_(i + 1)(-1) - p_i(1)|, and the remainders of both
+    ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + remainder[1:] + remainder[:-1]
     inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
-    given, jumps = np.isin(side, on), np.concatenate([[0.0], inner, [0.0]])
-    return Flux(polygon, points, side, c, doubt, lower, upper, given, jumps, PLACES * unit)
+    is_given = np.isin(side, flux_sides)
+    jumps = np.concatenate([[0.0], inner, [0.0]])
+    return GivenFlux(
+        polygon=polygon,
+        points=points,
+        side=side,
+        c=c,
+        remainder=remainder,
+        lower=lower,
+        upper=upper,
+        is_given=is_given,
+        jumps=jumps,
+        reach=ARC_LENGTH_ERROR_ULPS * unit,
+    )

@@ -13,28 +13,28 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.formulas.exact_numbers import magnitude, rounded, sign
-from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, atoms_in
-from unilateral.formulas.formula import coefficients
-from unilateral.formulas.taylor import EPS, Model, joined
-from unilateral.formulas.taylor_enclosures import Steps, evaluate
+from unilateral.formulas.exact_numbers import as_float, log2_magnitude, sign
+from unilateral.formulas.expression import ONE, ZERO, Expression, Primitive, find_functions
+from unilateral.formulas.formula import polynomial_coefficients
+from unilateral.formulas.taylor import EPS, TaylorModel, join_models
+from unilateral.formulas.taylor_enclosures import StepValues, enclose_formula
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.fields import as_html, as_text, fields_of, headed
-from unilateral.problems.formula_range import range_in
+from unilateral.problems.fields import as_html, as_text, problem_fields, problem_heading
+from unilateral.problems.formula_range import range_in_polygon
 from unilateral.problems.functions import Function
-from unilateral.problems.nodal import NodalTrace, cuts
-from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
-from unilateral.problems.side_models import SideData, on_sides, places, slopes_on_sides
+from unilateral.problems.nodal import NodalTrace, trace_breakpoints
+from unilateral.problems.obstacle_and_flux import GivenFlux, Obstacle, enclose_given_flux, enclose_obstacle
+from unilateral.problems.side_models import SideData, model_side_data, model_side_slopes, side_coordinates
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
 
-FAR = 1e-100
+MIN_COEFFICIENT_RATIO = 1e-100
 """Coefficients that differ by this factor make a line that is nowhere near, or a circle that is too large."""
 
-WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
+CURVE_NEEDED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 """What the argument of a positive part in f must be, as messages say it."""
 
 
@@ -51,8 +51,8 @@ class SourceFunction:
         The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1.
     """
 
-    model: Callable[[Model, Model, Steps], Model]
-    jumps: Mapping[Atom, Kink]
+    model: Callable[[TaylorModel, TaylorModel, StepValues], TaylorModel]
+    jumps: Mapping[Primitive, Kink]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class Problem:
         return as_text(self)
 
     def _repr_html_(self) -> str:
-        return as_html(headed(self), fields_of(self))
+        return as_html(problem_heading(self), problem_fields(self))
 
     @property
     def has_functions(self) -> bool:
@@ -100,7 +100,7 @@ class Problem:
     @property
     def contact_sides(self) -> tuple[int, ...]:
         """The sides that carry contact: all that are neither free nor clamped."""
-        return contact_sides(self.polygon, self.free_sides, self.clamped_sides)
+        return remaining_sides(self.polygon, self.free_sides, self.clamped_sides)
 
     @property
     def source(self) -> SourceFunction | Array:
@@ -111,24 +111,25 @@ class Problem:
         if isinstance(self.f, np.ndarray):
             return self.f
         f = as_formula(self.f)
-        steps = [power for power in atoms_in(f, "pos") if power.args[1].rational == 0]
+        steps = [power for power in find_functions(f, "pos") if power.args[1].rational == 0]
         return SourceFunction(
-            model=lambda x, y, steps: evaluate(f, {"x": x, "y": y}, steps),
-            jumps={step: kink for step in steps for kink in curve(step.args[0])},
+            model=lambda x, y, steps: enclose_formula(f, {"x": x, "y": y}, steps),
+            jumps={step: kink for step in steps for kink in zero_curve(step.args[0])},
         )
 
-    def obstacle_model(self, side: Index, t: Model) -> Model:
+    def obstacle_model(self, side: Index, t: TaylorModel) -> TaylorModel:
         """g, or the given u, on intervals of the sides (k,), t the arc length in side lengths."""
         if self.exact is None:
-            return self._on_sides(self.g, side, t)
-        clamped = np.isin(side, self.clamped_sides)
-        contact, held = np.flatnonzero(~clamped), np.flatnonzero(clamped)
-        parts = []
+            return self._side_data_model(self.g, side, t)
+        is_clamped = np.isin(side, self.clamped_sides)
+        contact = np.flatnonzero(~is_clamped)
+        clamped = np.flatnonzero(is_clamped)
+        models = []
         if contact.size:
-            parts.append((self.exact.obstacle_model(side[contact], t.on(contact)), contact))
-        if held.size:
-            parts.append((self._on_sides(self.g, side[held], t.on(held)), held))
-        return joined(parts)
+            models.append((self.exact.obstacle_model(side[contact], t.select_boxes(contact)), contact))
+        if clamped.size:
+            models.append((self._side_data_model(self.g, side[clamped], t.select_boxes(clamped)), clamped))
+        return join_models(models)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -141,23 +142,25 @@ class Problem:
             self.polygon,
             self.obstacle_model,
             free=self.free_sides,
-            least=-math.inf if self.clamped_sides else self._least_of_f,
-            cuts=self.exact.singular() if self.exact else cuts(self.g),
+            u_lower_bound=-math.inf if self.clamped_sides else self._lower_bound_by_source,
+            breakpoints=self.exact.singular_points() if self.exact else trace_breakpoints(self.g),
             clamped=self.clamped_sides,
-            slope=self.slope_model,
+            slope_model=self.slope_model,
         )
 
-    def slope_model(self, side: Index, t: Model) -> Model:
+    def slope_model(self, side: Index, t: TaylorModel) -> TaylorModel:
         """The derivative by t of u on clamped sides, as `obstacle_model` has u."""
-        return slopes_on_sides(without_functions(self.g), self.polygon, side, t)
+        return model_side_slopes(as_side_data(self.g), self.polygon, side, t)
 
-    def flux_model(self, side: Index, t: Model) -> Model:
+    def flux_model(self, side: Index, t: TaylorModel) -> TaylorModel:
         """q as `obstacle_model` has g."""
-        return self._on_sides(self.q, side, t)
+        return self._side_data_model(self.q, side, t)
 
-    def _on_sides(self, data: Sequence[SideData | Function], side: Index, t: Model) -> Model:
-        x, y = places(self.polygon, side, t)
-        return on_sides(without_functions(data), side, {"x": x, "y": y, "t": t})
+    def _side_data_model(
+        self, data: Sequence[SideData | Function], side: Index, t: TaylorModel
+    ) -> TaylorModel:
+        x, y = side_coordinates(self.polygon, side, t)
+        return model_side_data(as_side_data(data), side, {"x": x, "y": y, "t": t})
 
     @property
     def flux_sides(self) -> tuple[int, ...]:
@@ -165,9 +168,9 @@ class Problem:
         return tuple(side for side, flux in enumerate(self.q) if not is_zero(flux))
 
     @cached_property
-    def enclosed_flux(self) -> Flux:
+    def enclosed_flux(self) -> GivenFlux:
         """q on free sides, enclosed."""
-        return enclose_flux(self.polygon, self.flux_model, self.flux_sides, cuts(self.q))
+        return enclose_given_flux(self.polygon, self.flux_model, self.flux_sides, trace_breakpoints(self.q))
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
@@ -176,32 +179,38 @@ class Problem:
             return -math.inf, math.inf
         if isinstance(self.f, np.ndarray):
             return float(self.f.min()), float(self.f.max())
-        return range_in(self.polygon, as_formula(self.f))
+        return range_in_polygon(self.polygon, as_formula(self.f))
 
     @cached_property
-    def least(self) -> float:
+    def u_lower_bound(self) -> float:
         """A guaranteed lower bound on u: inf f / c or the least u on clamped sides, see `idle_sides`.
 
         It is -inf where q may be below 0.
         """
+        # u >= min(inf f / c, inf of u on clamped sides), proved in `idle_sides`
         zero = {i for i in self.clamped_sides if is_zero(self.g[i])}
         clamped = (0.0 if i in zero else self.enclosed_obstacle.range(i)[0] for i in self.clamped_sides)
-        return min(self._least_of_f, *clamped, math.inf)
+        return min(self._lower_bound_by_source, *clamped, math.inf)
 
     @cached_property
-    def _least_of_f(self) -> float:
-        """inf f / c, or inf f times infinity if c = 0; -inf where q may be below 0."""
-        if self.enclosed_flux.least < 0:
+    def _lower_bound_by_source(self) -> float:
+        """A lower bound on u by the proof in `idle_sides`, if no side were clamped: inf f / c.
+
+        For c = 0 it is +inf if f >= 0, as then only clamped sides bound u, else -inf. It is -inf where q may
+        be below 0, for the proof needs q >= 0.
+        """
+        if self.enclosed_flux.lower_bound < 0:
             return -math.inf
         if self.c == ZERO:
             return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
         if self.c == ONE:
             return self.range_of_f[0]
-        quotient = self.range_of_f[0] / rounded(self.c)
+        # f / c is rounded by half a unit, and so is c
+        quotient = self.range_of_f[0] / as_float(self.c)
         return quotient - 4 * EPS * abs(quotient)
 
-    def without_idle_sides(self) -> Problem:
-        """The same problem without conditions on the sides that provably carry no contact."""
+    def make_idle_sides_free(self) -> Problem:
+        """The problem whose sides that provably carry no contact are free."""
         return replace(self, free_sides=tuple(sorted({*self.free_sides, *self.idle_sides()})))
 
     def idle_sides(self) -> tuple[int, ...]:
@@ -217,12 +226,12 @@ class Problem:
         by interval arithmetic; a side that they do not decide is not idle.
         """
         obstacle = self.enclosed_obstacle
-        return tuple(side for side in self.contact_sides if obstacle.range(side)[1] < self.least)
+        return tuple(side for side in self.contact_sides if obstacle.range(side)[1] < self.u_lower_bound)
 
 
-def contact_sides(polygon: Polygon, *others: Collection[int]) -> tuple[int, ...]:
+def remaining_sides(polygon: Polygon, *excluded: Collection[int]) -> tuple[int, ...]:
     """The sides that are none of the others."""
-    return tuple(side for side in range(polygon.n_sides) if not any(side in each for each in others))
+    return tuple(side for side in range(polygon.n_sides) if not any(side in sides for sides in excluded))
 
 
 def is_zero(data: SideData | Function) -> bool:
@@ -236,45 +245,49 @@ def as_formula(data: object) -> Expression:
     return data
 
 
-def without_functions(data: Sequence[SideData | Function]) -> list[SideData]:
+def as_side_data(data: Sequence[SideData | Function]) -> list[SideData]:
     """The data on sides, none of which may wait for a mesh."""
-    known = [each for each in data if isinstance(each, Expression | NodalTrace)]
-    assert len(known) == len(data)  # `build.put_on_mesh` evaluates functions first
-    return known
+    available = [entry for entry in data if isinstance(entry, Expression | NodalTrace)]
+    assert len(available) == len(data)  # `build.put_on_mesh` evaluates functions first
+    return available
 
 
-def curve(a: Expression) -> list[Kink]:
+def zero_curve(a: Expression) -> list[Kink]:
     """The line or circle on which a formula is 0; ValueError if that is neither."""
-    of = coefficients(a, "xy")
-    if of is None:
-        raise ValueError(WANTED)
-    of = _scaled(of)
-    *slope, c, square, other = (of.pop(at, ZERO) for at in ((1, 0), (0, 1), (0, 0), (2, 0), (0, 2)))
-    if of or sign(square - other):
-        raise ValueError(WANTED)
+    coefficients = polynomial_coefficients(a, "xy")
+    if coefficients is None:
+        raise ValueError(CURVE_NEEDED)
+    # Times a power of 2, so that they, and what is made of them, are finite numbers
+    largest = max(map(log2_magnitude, coefficients.values()), default=0)
+    coefficients = {k: c.scale(Fraction(2) ** -largest) for k, c in coefficients.items()}
+    # a (x^2 + y^2) + b.(x, y) + c, or without the square a line
+    slope = [coefficients.pop((1, 0), ZERO), coefficients.pop((0, 1), ZERO)]
+    c = coefficients.pop((0, 0), ZERO)
+    square = coefficients.pop((2, 0), ZERO)
+    square_y = coefficients.pop((0, 2), ZERO)
+    if coefficients or sign(square - square_y):
+        raise ValueError(CURVE_NEEDED)
     if square == ZERO:
-        return _line(slope, c)
-    if abs(rounded(square)) < FAR:
+        return _zero_line(slope, c)
+    if abs(as_float(square)) < MIN_COEFFICIENT_RATIO:
         raise ValueError("is 0 on a circle that is too large; write it as a line")
-    centre = [each / square.scaled(-2) for each in slope]
-    radius = rounded(centre[0] ** 2 + centre[1] ** 2 - c / square)
-    place = (rounded(centre[0]), rounded(centre[1]))
-    return [Kink(place, math.sqrt(radius), sign=1 if rounded(square) > 0 else -1)] if radius > 0 else []
+    # It is a (|x - m|^2 - r^2) with m = -b / (2 a) and r^2 = |m|^2 - c / a
+    centre = [component / square.scale(-2) for component in slope]
+    radius = as_float(centre[0] ** 2 + centre[1] ** 2 - c / square)
+    place = (as_float(centre[0]), as_float(centre[1]))
+    return [Kink(place, math.sqrt(radius), sign=1 if as_float(square) > 0 else -1)] if radius > 0 else []
 
 
-def _line(slope: list[Expression], c: Expression) -> list[Kink]:
-    along = [rounded(each) for each in slope]
+def _zero_line(slope: list[Expression], c: Expression) -> list[Kink]:
+    """The line b.(x, y) + c = 0, none if it is too far away; ValueError if the formula is 0."""
+    along = [as_float(component) for component in slope]
     size = math.hypot(*along)
     if c == ZERO and size == 0:
         raise ValueError("is 0 everywhere; leave it out")
-    if size <= FAR * abs(rounded(c)):
+    if size <= MIN_COEFFICIENT_RATIO * abs(as_float(c)):
         return []
+    # Through the point -c b / |b|^2 across b, so that the distance is positive where the formula is
     square = slope[0] ** 2 + slope[1] ** 2
-    x, y = (rounded(-c * each / square) for each in slope)
+    x = as_float(-c * slope[0] / square)
+    y = as_float(-c * slope[1] / square)
     return [Kink((x, y), 0.0, (-along[1] / size, along[0] / size))]
-
-
-def _scaled(of: dict[tuple[int, ...], Expression]) -> dict[tuple[int, ...], Expression]:
-    """The coefficients times a power of 2, so that they, and what is made of them, are finite numbers."""
-    largest = max(map(magnitude, of.values()), default=0)
-    return {at: c.scaled(Fraction(2) ** -largest) for at, c in of.items()}

@@ -9,84 +9,86 @@ from typing import Any
 
 import numpy as np
 
-from unilateral.errors import InputError, shown
-from unilateral.formulas.exact_numbers import rounded
+from unilateral.errors import InputError, quote_input
+from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.formula import number
-from unilateral.geometry.polygon import Polygon, named, names
+from unilateral.formulas.formula import parse_number
+from unilateral.geometry.polygon import Polygon, find_polygon, polygon_names
 from unilateral.problems import catalogue
-from unilateral.problems.build import build, check_count, make_polygon
+from unilateral.problems.build import build_problem, check_vertex_count, make_polygon
 from unilateral.problems.problem import Problem
 from unilateral.system import declarations
 
-FIELDS = {"polygon", "f", "g", "free_sides"}
-JOINED = re.compile(r"([-+]?\d+):(\S+)")
+PROBLEM_FIELDS = {"polygon", "f", "g", "free_sides"}
+UNSPACED_SIDE = re.compile(r"([-+]?\d+):(\S+)")
 """A side and its formula that YAML reads as one text, for want of a blank."""
 
 
-def is_declared_in(name: str) -> bool:
+def is_problem_file(name: str) -> bool:
     """Whether this is a YAML file with a field that only problems have, not a case."""
-    return _declaration(name) is not None
+    return _read_problem_declaration(name) is not None
 
 
-def problem_in(name: str) -> Problem | None:
+def load_if_problem(name: str) -> Problem | None:
     """The problem that a YAML file declares; None for the name or the file of a case. Raises InputError."""
-    declaration = _declaration(name)
-    return None if declaration is None else made(declaration, name)
+    declaration = _read_problem_declaration(name)
+    return None if declaration is None else build_from_declaration(declaration, name)
 
 
-def _declaration(name: str) -> dict[str, Any] | None:
-    """What a YAML file declares if it has a field that only problems have."""
-    if name in catalogue.names():
+def _read_problem_declaration(name: str) -> dict[str, Any] | None:
+    """The declaration in a YAML file if it has a field that only problems have, else None."""
+    if name in catalogue.case_names():
         return None
-    file = declarations.file_of(name)
+    file = declarations.find_yaml_file(name)
     if file is None:
         return None
-    declaration = declarations.read(file, name)
+    declaration = declarations.read_declaration(file, name)
     if not isinstance(declaration, dict) or not declaration:
         raise InputError(
             f"{name} has no fields; a problem has at least polygon and f, a case title, polygons and u"
         )
-    return None if FIELDS.isdisjoint(declaration) else declaration
+    return None if PROBLEM_FIELDS.isdisjoint(declaration) else declaration
 
 
-def load(name: str) -> Problem:
+def load_problem(name: str) -> Problem:
     """The problem declared in a YAML file.
 
     Raises InputError, with the field, for what the schema does not allow, for a polygon that is not simple
     and anticlockwise, and for f, g and q that are not finite, not smooth enough, or do not fit together.
     """
-    return made(declarations.read(Path(name), name), name)
+    return build_from_declaration(declarations.read_declaration(Path(name), name), name)
 
 
-def polygon_of(name: str) -> Polygon:
+def load_polygon(name: str) -> Polygon:
     """The polygon of that name, or the one in a YAML file, whose field `polygon` is that of a problem.
 
     Raises InputError as for a problem.
     """
-    return domain_of(name).polygon
+    return load_domain(name).polygon
 
 
-def domain_of(name: str) -> Problem:
+def load_domain(name: str) -> Problem:
     """The problem with f = g = u = 0 on that polygon, with the clamped sides that the file has; k = 1.
 
     c is 0 if it is so in the file, and else 1.
     """
-    file = None if name in names() else declarations.file_of(name)
+    file = None if name in polygon_names() else declarations.find_yaml_file(name)
     if file is None:
-        polygon = named(name)
+        polygon = find_polygon(name)
         return Problem(name, polygon, ZERO, (ZERO,) * polygon.n_sides, ())
-    declaration = declarations.read(file, name)
+    declaration = declarations.read_declaration(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    given = declaration.get("u")
-    clamped = given if isinstance(given, dict) else {}
-    c = number(declaration.get("c", 1), f"{name}, field c")
+    clamped_field = declaration.get("u")
+    clamped = clamped_field if isinstance(clamped_field, dict) else {}
+    c = parse_number(declaration.get("c", 1), f"{name}, field c")
     fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if c == ZERO else 1}
-    return made({"polygon": declaration["polygon"], "f": 0, "g": 0} | fields, name, file.name)
+    return build_from_declaration(
+        {"polygon": declaration["polygon"], "f": 0, "g": 0} | fields, name, file.name
+    )
 
 
-def made(declaration: Any, where: str, name: str | None = None) -> Problem:
+def build_from_declaration(declaration: Any, where: str, name: str | None = None) -> Problem:
     """The problem with the fields of a declaration; errors begin with `where` these come from.
 
     Its name is by default that of the file `where`, without the ending.
@@ -94,13 +96,13 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
     declaration = declarations.validate(declaration, schema, where)
     name = Path(where).stem if name is None else name
-    check_count(declaration["polygon"], where)
+    check_vertex_count(declaration["polygon"], where)
     corners = [
-        [number(x, f"{where}, field polygon[{i}]") for x in vertex]
+        [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
         for i, vertex in enumerate(declaration["polygon"])
     ]
-    polygon = make_polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), name, where)
-    return build(
+    polygon = make_polygon(np.array([[as_float(x) for x in vertex] for vertex in corners]), name, where)
+    return build_problem(
         name,
         polygon,
         corners,
@@ -110,16 +112,21 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
         k=declaration.get("k", 1),
         c=declaration.get("c", 1),
         q=declaration.get("q"),
-        u=_clamped_sides(declaration.get("u", {}), where),
+        u=_read_clamped_field(declaration.get("u", {}), where),
         where=where,
         title=declaration.get("title", ""),
     )
 
 
-def _clamped_sides(given: dict[str, Any], where: str) -> list[tuple[Any, Any]]:
+def _read_clamped_field(entries: dict[str, Any], where: str) -> list[tuple[Any, Any]]:
     """The field u as pairs of a side, a number where it is written as one, and what u is there."""
-    for key in given:
-        if joined := JOINED.fullmatch(key):
-            blank = f"the colon in '{shown(key)}' needs a blank after it"
-            raise InputError(f"{where}, field u: {blank}; write {{{shown(': '.join(joined.groups()))}}}")
-    return [(int(key) if declarations.INTEGER.match(key) else key, value) for key, value in given.items()]
+    for key in entries:
+        if joined := UNSPACED_SIDE.fullmatch(key):
+            blank = f"the colon in '{quote_input(key)}' needs a blank after it"
+            raise InputError(
+                f"{where}, field u: {blank}; write {{{quote_input(': '.join(joined.groups()))}}}"
+            )
+    return [
+        (int(key) if declarations.INTEGER_PATTERN.match(key) else key, value)
+        for key, value in entries.items()
+    ]

@@ -11,8 +11,8 @@ import numpy as np
 from unilateral.arrays import Index
 from unilateral.formulas.derivative import derivative
 from unilateral.formulas.expression import Expression
-from unilateral.formulas.taylor import Model, joined, number
-from unilateral.formulas.taylor_enclosures import evaluate
+from unilateral.formulas.taylor import TaylorModel, join_models, number_model
+from unilateral.formulas.taylor_enclosures import enclose_formula
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.nodal import NodalTrace
 
@@ -20,14 +20,19 @@ SideData = Expression | NodalTrace
 """What is given on a side: a formula, or values at nodes."""
 
 
-def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
+def side_coordinates(polygon: Polygon, side: Index, t: TaylorModel) -> tuple[TaylorModel, TaylorModel]:
     """x and y on intervals of the sides (k,), t the arc length in side lengths."""
-    start, edge = polygon.vertices[side].T, polygon.edges[side].T
-    x, y = (number(t, a) + number(t, along) * t for a, along in zip(start, edge, strict=True))
+    # x = a + t e on the side from a along e
+    start_x, start_y = polygon.vertices[side].T
+    along_x, along_y = polygon.edges[side].T
+    x = number_model(t, start_x) + number_model(t, along_x) * t
+    y = number_model(t, start_y) + number_model(t, along_y) * t
     return x, y
 
 
-def on_sides(data: Sequence[SideData], side: Index, variables: Mapping[str, Model]) -> Model:
+def model_side_data(
+    data: Sequence[SideData], side: Index, variables: Mapping[str, TaylorModel]
+) -> TaylorModel:
     """The data, one per side, on intervals of the sides (k,); equal formulas are evaluated together.
 
     Formulas are in the `variables`; values at nodes are over t, the arc length in side lengths.
@@ -35,27 +40,29 @@ def on_sides(data: Sequence[SideData], side: Index, variables: Mapping[str, Mode
     same: dict[SideData, list[int]] = {}
     for i in np.unique(side).tolist():
         same.setdefault(data[i], []).append(i)
-    parts = []
+    pieces = []
     for function, sides in same.items():
-        here = np.flatnonzero(np.isin(side, sides))
-        models = {name: model.on(here) for name, model in variables.items()}
+        rows = np.flatnonzero(np.isin(side, sides))
+        models = {name: model.select_boxes(rows) for name, model in variables.items()}
         if isinstance(function, NodalTrace):
-            parts.append((function.model(models["t"]), here))
+            pieces.append((function.value_model(models["t"]), rows))
         else:
-            parts.append((evaluate(function, models), here))
-    return joined(parts)
+            pieces.append((enclose_formula(function, models), rows))
+    return join_models(pieces)
 
 
-def slopes_on_sides(data: Sequence[SideData], polygon: Polygon, side: Index, t: Model) -> Model:
+def model_side_slopes(data: Sequence[SideData], polygon: Polygon, side: Index, t: TaylorModel) -> TaylorModel:
     """The derivatives by t of the data, formulas in x and y, on intervals of the sides (k,)."""
-    parts = []
+    pieces = []
     for i in np.unique(side).tolist():
-        function, here = data[i], np.flatnonzero(side == i)
+        function = data[i]
+        rows = np.flatnonzero(side == i)
         if isinstance(function, NodalTrace):
-            parts.append((function.slope_model(t.on(here)), here))
+            pieces.append((function.slope_model(t.select_boxes(rows)), rows))
             continue
-        variables = dict(zip("xy", places(polygon, side[here], t.on(here)), strict=True))
+        variables = dict(zip("xy", side_coordinates(polygon, side[rows], t.select_boxes(rows)), strict=True))
         along = zip("xy", polygon.edges[i], strict=True)
-        slopes = (evaluate(derivative(function, z), variables).scaled(e) for z, e in along)
-        parts.append((reduce(add, slopes), here))
-    return joined(parts)
+        # d/dt of F(a + t e) is e_x F_x + e_y F_y
+        slopes = (enclose_formula(derivative(function, z), variables).scale(e) for z, e in along)
+        pieces.append((reduce(add, slopes), rows))
+    return join_models(pieces)

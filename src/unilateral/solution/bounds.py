@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from unilateral.arrays import Array
-from unilateral.discrete.choice import bound_mb
+from unilateral.discrete.choice import bound_memory_mb
 from unilateral.errors import SolutionWarning
-from unilateral.formulas.decimals import guaranteed, interval, percent
+from unilateral.formulas.decimals import add_guarantee, format_interval, format_percent
 from unilateral.formulas.expression import ONE, ZERO
 from unilateral.system.memory import available_mb
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
 
 
-class Named(NamedTuple):
-    """What a norm of u is called, and that of lambda, and of their errors."""
+class NormNames(NamedTuple):
+    """Names of the energy norm of u, or of its error, and of the dual norm of lambda, or of its error."""
 
     h1: str
     hm12: str
 
 
-def energy(problem: Problem, of: str) -> str:
-    """The name of the norm of a function: k^(1/2) |.|_1 if c = 0."""
+def name_energy_norm(problem: Problem, function: str) -> str:
+    """Name of the energy norm of a function, which is k^(1/2) |.|_1 if c = 0."""
     if problem.c != ZERO:
-        return f"||{of}||_1"
-    return f"|{of}|_1" if problem.k == ONE else f"k^(1/2) |{of}|_1"
+        return f"||{function}||_1"
+    return f"|{function}|_1" if problem.k == ONE else f"k^(1/2) |{function}|_1"
 
 
-def sizes(problem: Problem) -> Named:
-    """What an accuracy in each norm is relative to."""
-    return Named(energy(problem, "u"), "||lambda||_-1/2")
+def name_solution_norms(problem: Problem) -> NormNames:
+    """Names of the norms of u and of lambda, to which accuracies are relative."""
+    return NormNames(name_energy_norm(problem, "u"), "||lambda||_-1/2")
 
 
 @dataclass(frozen=True)
@@ -65,73 +65,76 @@ class Bounds:
         """
         errors = {self.error: (self.u, self.relative_u)}
         errors["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
-        parts = [
-            f"{name} {interval(-math.inf, bound)}" + f" ({percent(part)})" * (part < math.inf)
-            for name, (bound, part) in errors.items()
+        texts = [
+            f"{name} {format_interval(-math.inf, bound)}" + f" ({format_percent(share)})" * (share < math.inf)
+            for name, (bound, share) in errors.items()
             if not math.isnan(bound)
         ]
-        return f"Bounds: {guaranteed(', '.join(parts), -math.inf, max(self.u, self.multiplier))}"
+        return f"Bounds: {add_guarantee(', '.join(texts), -math.inf, max(self.u, self.multiplier))}"
 
 
 def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
-    """The cheap or the sharp bounds of a solution.
+    """The cheap or the sharp bounds of a solution, by Theorem 8.
 
     None where the bounds of all levels contradict each other, and, with a SolutionWarning two calls above,
     where they take more memory than is free.
     """
-    refused = too_large(solution, sharp)
+    refused = explain_memory_shortage(solution, sharp)
     if refused:
         warnings.warn(refused, SolutionWarning, stacklevel=3)
-    if refused or not is_believed(solution):
+    if refused or not has_consistent_bounds(solution):
         return None
     solved = solution.bounded
     bound = solved.bound(sharp)
     assert bound is not None  # the data are enclosed
     return Bounds(
         u=bound.u,
-        multiplier=bound.lambda_ if len(solved.cells) else math.nan,
-        unknown=bound.unknown,
-        relative_u=relative(bound.u, solved.size("h1", sharp)),
-        relative_multiplier=relative(bound.lambda_, solved.size("hm12", sharp)),
-        error=energy(solution.problem, "u - u_h"),
+        multiplier=bound.lambda_ if len(solved.cells) else math.nan,  # no cells: lambda is not there
+        unknown=bound.data_remainder,
+        relative_u=relative_bound(bound.u, solved.norm_lower_bound("h1", sharp)),
+        relative_multiplier=relative_bound(bound.lambda_, solved.norm_lower_bound("hm12", sharp)),
+        error=name_energy_norm(solution.problem, "u - u_h"),
     )
 
 
-def share_errors(solution: Solution) -> Array | None:
-    """(triangles,) parts of the squares in the cheap bound on u, whose sum is 1. None without bounds."""
+def compute_error_shares(solution: Solution) -> Array | None:
+    """Shares (triangles,) of the triangles in the square of the cheap bound on u, or None without bounds."""
     if bound_errors(solution, sharp=False) is None:
         return None
-    shares = solution.bounded.shares
-    whole = float(shares.sum())
-    return shares / whole if 0 < whole < math.inf else None
+    shares = solution.bounded.bound_shares
+    total = float(shares.sum())
+    return shares / total if 0 < total < math.inf else None
 
 
-def is_believed(solution: Solution) -> bool:
-    """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
+def has_consistent_bounds(solution: Solution) -> bool:
+    """Whether bounds are believed: those of all levels contradict only by a fault of this program."""
     return solution.search is None or bool(solution.search.believed)
 
 
-def wants_sharp(solution: Solution) -> bool:
+def uses_sharp_bounds(solution: Solution) -> bool:
     """Whether an accuracy was asked for by the sharp bounds."""
     return solution.search is not None and solution.search.best.goal.sharp
 
 
-def relative(bound: float, size: float) -> float:
+def relative_bound(bound: float, norm_below: float) -> float:
     """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
-    return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
+    # a quotient is off by half a unit in the last place at most, so the next number is not below it
+    return math.nextafter(bound / norm_below, math.inf) if norm_below > 0 else math.nan
 
 
-def are_computed(solution: Solution, sharp: bool) -> bool:
+def has_computed_bounds(solution: Solution, sharp: bool) -> bool:
     """Whether the bounds are already computed."""
+    # to look at solution.bounded would compute it, for it is a cached property
     is_enclosed = solution.solved.data is not None or "bounded" in vars(solution)
-    return is_enclosed and solution.bounded.known(sharp)
+    return is_enclosed and solution.bounded.has_bound(sharp)
 
 
-def too_large(solution: Solution, sharp: bool) -> str:
-    """Says that bounds that are not yet computed take more memory than is free; else empty."""
-    if are_computed(solution, sharp):
+def explain_memory_shortage(solution: Solution, sharp: bool) -> str:
+    """Sentence that bounds which are not yet computed take more memory than is free; else empty."""
+    if has_computed_bounds(solution, sharp):
         return ""
-    needed, free = bound_mb(solution.mesh, sharp), available_mb()
+    needed = bound_memory_mb(solution.mesh, sharp)
+    free = available_mb()
     if needed <= free:
         return ""
     return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import LARGEST_VALUE, Array, Mask, floats, nodal_values
-from unilateral.discrete.choice import condensed_spaces, solve_on
-from unilateral.discrete.condensed import on_spaces
-from unilateral.discrete.loads import form_of
+from unilateral.arrays import MAX_INPUT_VALUE, Array, Mask, read_floats, read_nodal_values
+from unilateral.discrete.choice import condensed_spaces, solve_on_mesh
+from unilateral.discrete.condensed import discretise_on_condensed_spaces
+from unilateral.discrete.problem_data import problem_form
 from unilateral.discrete.solution import DiscreteSolution, replace_u
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
@@ -30,58 +30,69 @@ if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
 
 
-def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
-    """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
+def certify_nodal_values(
+    problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None
+) -> Solution:
+    """Solution with a user's values `u` (n,) at nodes and `multiplier` (nb,) on boundary edges, if given.
+
+    Theorem 8 takes any v >= g, so u with a lift will do; lambda_H and the flux come from a problem that is
+    solved here. Raises InputError for values that do not fit the mesh.
+    """
     problem = put_on_mesh(problem, mesh)
-    values = nodal_values(u, "u")
-    _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")
+    values = read_nodal_values(u, "u")
+    _check_finite_values(
+        values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)"
+    )
     if multiplier is None:
-        own = solve_on(problem, mesh, edge_pairs(mesh), Stop())  # the bounds hold for any lambda_H
+        # the bounds hold for any lambda_H >= 0; two edges a cell keep its error small (Theorem 5)
+        discrete_solution = solve_on_mesh(problem, mesh, pair_boundary_edges(mesh), Stop())
     else:
-        without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
-        own = _solve_linear(problem, mesh, _edge_values(multiplier, without))
-    return Solution(problem, replace_u(own, values))
+        no_contact = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
+        discrete_solution = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, no_contact))
+    return Solution(problem, replace_u(discrete_solution, values))
 
 
-def edge_pairs(mesh: Mesh) -> Partition:
-    """Cells of two boundary edges each; the last cell of a side has three if their number is odd."""
+def pair_boundary_edges(mesh: Mesh) -> Partition:
+    """Partition with cells of two boundary edges; the last one of a side has three if their number is odd."""
     sides = np.split(mesh.s[:-1], np.flatnonzero(np.diff(mesh.side)) + 1)
-    starts = [side[: max(len(side) // 2 * 2, 1) : 2] for side in sides]
-    return Partition(mesh.polygon, np.append(np.concatenate(starts), mesh.s[-1]))
+    cell_starts = [nodes[: max(len(nodes) // 2 * 2, 1) : 2] for nodes in sides]
+    return Partition(mesh.polygon, np.append(np.concatenate(cell_starts), mesh.s[-1]))
 
 
 def _solve_linear(problem: Problem, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
     """Discrete solution of the linear problem with the flux `lambda_H` (nb,) on sides with contact."""
-    cells = Partition(mesh.polygon, mesh.s)
-    discrete = on_spaces(problem, condensed_spaces(mesh, cells, form_of(problem, mesh)))
+    partition = Partition(mesh.polygon, mesh.s)
+    spaces = condensed_spaces(mesh, partition, problem_form(problem, mesh))
+    discrete = discretise_on_condensed_spaces(problem, spaces)
     mu = lambda_H[discrete.cells]
     result = DualResult(mu, math.nan, 0, bound=math.nan, converged=True, rho=math.nan, algorithm="given")
-    potential = discrete.held + discrete.spaces.response(discrete.of_rest[0], mu)
-    # The multiplier is given, so it is the only one
-    return replace(discrete.solution(result, math.nan, potential), unique=True)
+    # u_h = u_D + w with (w, v)_1 = (f, v) - (u_D, v)_1 + <mu, v>, which is (5.1) for the given mu
+    potential = discrete.dirichlet_lift + discrete.spaces.response(discrete.homogeneous_data[0], mu)
+    # the multiplier is given, so it is the only one
+    return replace(discrete.make_solution(result, math.nan, potential), unique=True)
 
 
-def _edge_values(multiplier: ArrayLike, without: Mask) -> Array:
-    """Multiplier (nb,) of the user, 0 on the edges `without` (nb,) contact."""
-    values = floats(multiplier, "multiplier")
-    if values.shape == without.shape:
-        values[without & np.isnan(values)] = 0.0
-    _check(values, len(without), "multiplier", "boundary edge")
-    wrong = np.flatnonzero(np.where(without, values != 0, values < 0))
+def _check_edge_multiplier(multiplier: ArrayLike, no_contact: Mask) -> Array:
+    """Multiplier (nb,) of the user, with 0 for NaN on the edges of `no_contact` (nb,)."""
+    values = read_floats(multiplier, "multiplier")
+    if values.shape == no_contact.shape:
+        values[no_contact & np.isnan(values)] = 0.0
+    _check_finite_values(values, len(no_contact), "multiplier", "boundary edge")
+    wrong = np.flatnonzero(np.where(no_contact, values != 0, values < 0))
     if wrong.size:
-        wanted = "0 or NaN on free and clamped sides" if without[wrong[0]] else "0 or more"
-        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {wanted}")
+        requirement = "0 or NaN on free and clamped sides" if no_contact[wrong[0]] else "0 or more"
+        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {requirement}")
     return values
 
 
-def _check(values: Array, count: int, name: str, place: str) -> None:
+def _check_finite_values(values: Array, count: int, name: str, place: str) -> None:
     """Raises InputError unless there are `count` values whose squares are no overflow."""
     if values.shape != (count,):
         raise InputError(
             f"{name} has the shape {values.shape}; it has to be ({count},), a value at each {place}"
         )
-    wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
+    wrong = np.flatnonzero(~(np.abs(values) < MAX_INPUT_VALUE))
     if wrong.size:
         raise InputError(
-            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {LARGEST_VALUE:g}"
+            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {MAX_INPUT_VALUE:g}"
         )

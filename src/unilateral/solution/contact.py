@@ -12,7 +12,7 @@ from unilateral.arrays import Array
 from unilateral.geometry.partition import Partition
 
 
-class Interval(NamedTuple):
+class ContactInterval(NamedTuple):
     """An interval of contact on a side, between two arc lengths from the side's own start.
 
     Its ends are at the places `first` and `last`.
@@ -33,32 +33,44 @@ class Contact:
     lambda_H: Array
 
     def __repr__(self) -> str:
-        around, n = self.partition.polygon.perimeter, len(self.intervals)
-        return f"Contact: length {self.length:.4g} of {around:.4g}, {n} interval{'s' * (n != 1)}"
+        perimeter = self.partition.polygon.perimeter
+        n = len(self.intervals)
+        return f"Contact: length {self.length:.4g} of {perimeter:.4g}, {n} interval{'s' * (n != 1)}"
 
     @cached_property
-    def intervals(self) -> list[Interval]:
+    def intervals(self) -> list[ContactInterval]:
         """The longest runs of cells with lambda_H > 0 on one side, in the order of the boundary."""
-        cells, (places, ends) = self.partition, self.partition.ends
-        of = np.where(self.lambda_H > 0, cells.side, -1)
-        begins = np.flatnonzero((of >= 0) & (np.append(-1, of[:-1]) != of))
-        lasts = np.flatnonzero((of >= 0) & (np.append(of[1:], -1) != of))
-        zero, sides = cells.polygon.starts[cells.side], cells.side.tolist()
-        start, end = cells.points[:-1] - zero, cells.points[1:] - zero
+        partition = self.partition
+        (first_points, last_points) = self.partition.ends
+        # the side of each cell, -1 without contact; an interval begins and ends where this changes
+        contact_side = np.where(self.lambda_H > 0, partition.side, -1)
+        first_cells = np.flatnonzero((contact_side >= 0) & (np.append(-1, contact_side[:-1]) != contact_side))
+        last_cells = np.flatnonzero((contact_side >= 0) & (np.append(contact_side[1:], -1) != contact_side))
+        side_start = partition.polygon.starts[partition.side]  # intervals count from there
+        sides = partition.side.tolist()
+        start = partition.points[:-1] - side_start
+        end = partition.points[1:] - side_start
         return [
-            Interval(sides[i], float(start[i]), float(end[k]), _pair(places[i]), _pair(ends[k]))
-            for i, k in zip(begins, lasts, strict=True)
+            ContactInterval(
+                side=sides[i],
+                start=float(start[i]),
+                end=float(end[k]),
+                first=_as_pair(first_points[i]),
+                last=_as_pair(last_points[k]),
+            )
+            for i, k in zip(first_cells, last_cells, strict=True)
         ]
 
     @cached_property
     def lengths(self) -> Array:
-        """(n,) the length of the contact on each side."""
-        cells = self.partition
-        held = np.where(self.lambda_H > 0, cells.lengths, 0.0)
-        return np.bincount(cells.side, held, cells.polygon.n_sides).astype(np.float64)
+        """Lengths (n,) of the contact on the n sides."""
+        partition = self.partition
+        contact_lengths = np.where(self.lambda_H > 0, partition.lengths, 0.0)
+        return np.bincount(partition.side, contact_lengths, partition.polygon.n_sides).astype(np.float64)
 
     @property
     def length(self) -> float:
+        """Length of the contact on all sides together."""
         return float(self.lengths.sum())
 
     @property
@@ -67,5 +79,5 @@ class Contact:
         return bool((self.lambda_H > 0).all())
 
 
-def _pair(place: Array) -> tuple[float, float]:
-    return float(place[0]), float(place[1])
+def _as_pair(point: Array) -> tuple[float, float]:
+    return float(point[0]), float(point[1])

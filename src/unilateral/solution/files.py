@@ -12,14 +12,14 @@ import numpy as np
 from unilateral.certificates import export
 from unilateral.geometry.files import write_mesh
 from unilateral.solution import tables
-from unilateral.solution.bounds import share_errors
-from unilateral.system import as_json
+from unilateral.solution.bounds import compute_error_shares
+from unilateral.system import json_records
 from unilateral.system.files import check_target, replacing, write_netcdf
 
 if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
 
-ENDINGS = {
+SOLUTION_ENDINGS = {
     ".vtu": ["meshio"],
     ".csv": [],
     ".nc": ["netCDF4", "xarray"],
@@ -32,38 +32,38 @@ ENDINGS = {
 """The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
 
 
-def save(solution: Solution, path: str | os.PathLike[str]) -> None:
-    """Writes a file, by its ending. Raises InputError for one that is not of ENDINGS."""
-    check_target(path, ENDINGS)
+def save_solution(solution: Solution, path: str | os.PathLike[str]) -> None:
+    """Writes a file, by its ending. Raises InputError for one that is not of SOLUTION_ENDINGS."""
+    check_target(path, SOLUTION_ENDINGS)
     ending = Path(path).suffix
     if ending == ".vtu":
         _write_vtu(solution, path)
         return
     if ending == ".json":
-        as_json.write(solution.certificate(), path)
+        json_records.write_json(solution.certificate(), path)
         return
     with replacing(path) as temporary:
         if ending == ".csv":
-            tables.write_csv(tables.cell_columns(solution), temporary)
+            tables.write_csv(tables.solution_cell_columns(solution), temporary)
         elif ending == ".nc":
-            write_netcdf(tables.dataset(solution), temporary)
+            write_netcdf(tables.make_dataset(solution), temporary)
         elif ending == ".html":
-            from unilateral.solution.interactive import page
+            from unilateral.solution.interactive import render_solution_page
 
-            temporary.write_text(page(solution), encoding="utf-8", newline="\n")
+            temporary.write_text(render_solution_page(solution), encoding="utf-8", newline="\n")
         else:
-            from unilateral.solution.plot import draw
+            from unilateral.solution.plot import write_figure
 
-            draw(solution.plot(), temporary)
+            write_figure(solution.plot(), temporary)
 
 
 def _write_vtu(solution: Solution, path: str | os.PathLike[str]) -> None:
-    """u_h, the mean of lambda_H on each boundary edge, and the shares of triangles in the bound."""
-    on_edges = solution.partition.means(np.nan_to_num(solution.multiplier), solution.mesh.s)
-    on_edges[np.isin(solution.mesh.side, solution.problem.clamped_sides)] = math.nan
-    shares = share_errors(solution)
-    on_triangles = {} if shares is None else {"error_share": shares}
-    write_mesh(solution.mesh, path, {"multiplier": on_edges}, {"u": solution.u}, on_triangles)
+    """Writes u_h, the mean of lambda_H on each boundary edge, and the shares of triangles in the bound."""
+    edge_means = solution.partition.means(np.nan_to_num(solution.multiplier), solution.mesh.s)
+    edge_means[np.isin(solution.mesh.side, solution.problem.clamped_sides)] = math.nan
+    shares = compute_error_shares(solution)
+    triangle_fields = {} if shares is None else {"error_share": shares}
+    write_mesh(solution.mesh, path, {"multiplier": edge_means}, {"u": solution.u}, triangle_fields)
 
 
 def save_certificate(solution: Solution, path: str | os.PathLike[str]) -> None:

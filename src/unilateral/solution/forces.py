@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from unilateral.bounds.clamped_ends import Clamps, none
-from unilateral.bounds.forces import Force, forces
+from unilateral.bounds.clamped_ends import ReactionData, no_clamped_ends
+from unilateral.bounds.forces import Force, bound_forces
 from unilateral.errors import InputError
-from unilateral.formulas.decimals import guaranteed, interval, is_bounded
+from unilateral.formulas.decimals import add_guarantee, format_interval, has_bound
 from unilateral.formulas.expression import ZERO
 from unilateral.problems import arguments
 from unilateral.solution.bounds import bound_errors
@@ -20,8 +20,7 @@ from unilateral.solution.bounds import bound_errors
 if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
 
-SHOWN = 12
-"""At most this many sides are printed."""
+MAX_PRINTED_SIDES = 12
 
 
 class Forces(NamedTuple):
@@ -39,79 +38,98 @@ class Forces(NamedTuple):
     def __repr__(self) -> str:
         """One "guaranteed" at the end if all have bounds, else one for each that has."""
         clamped = {side for row in self.reactions for side in row}
-        others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
-        every = [self.whole, *others.values(), *self.reactions.values()]
-        every += [self.total] if self.total else []
-        for_all = all(is_bounded(force.lower, force.upper) for force in every)
-        sides = [f"{side}: {_written(force, not for_all)}" for side, force in others.items()]
-        more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
-        parts = [_written(self.whole, not for_all)]
-        parts += [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
+        unclamped = {side: force for side, force in enumerate(self.sides) if side not in clamped}
+        forces = [self.whole, *unclamped.values(), *self.reactions.values()]
+        forces += [self.total] if self.total else []
+        for_all = all(has_bound(force.lower, force.upper) for force in forces)
+        sides = [f"{side}: {_format_force(force, not for_all)}" for side, force in unclamped.items()]
+        omitted = f" and {len(sides) - MAX_PRINTED_SIDES} more" if len(sides) > MAX_PRINTED_SIDES else ""
+        texts = [_format_force(self.whole, not for_all)]
+        texts += [f"on sides {', '.join(sides[:MAX_PRINTED_SIDES])}{omitted}"] if sides else []
         for row, force in self.reactions.items():
             where = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
-            parts.append(f"reaction on {where}: {_written(force, not for_all)}")
+            texts.append(f"reaction on {where}: {_format_force(force, not for_all)}")
         if self.total:
-            parts.append(f"sum of forces and reactions: {_written(self.total, not for_all)}")
-        return f"Forces: {'; '.join(parts)}{'; guaranteed' if for_all else ''}"
+            texts.append(f"sum of forces and reactions: {_format_force(self.total, not for_all)}")
+        return f"Forces: {'; '.join(texts)}{'; guaranteed' if for_all else ''}"
 
 
-def _written(force: Force, alone: bool) -> str:
-    """A force with its bounds; if it stands `alone`, with the word "guaranteed" where it has one."""
-    text = interval(force.lower, force.upper, force.value)
-    return guaranteed(text, force.lower, force.upper) if alone else text
+def _format_force(force: Force, marks_guarantee: bool) -> str:
+    """A force with its bounds as text, with the word "guaranteed" if it needs its own."""
+    text = format_interval(force.lower, force.upper, force.value)
+    return add_guarantee(text, force.lower, force.upper) if marks_guarantee else text
 
 
-def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
-    """The clamped ones of n sides, those in a row together."""
-    starts = [side for side in clamped if (side - 1) % n not in clamped] or [*clamped][:1]
+def group_adjacent_sides(n_sides: int, clamped: Sequence[int]) -> list[list[int]]:
+    """The clamped ones of n sides, in rows of adjacent ones, over which reactions are summed.
+
+    No function of V is 1 on one side of a row and 0 on the next, so only the sum over a row has bounds.
+    """
+    # a row begins where the side before is not clamped, or anywhere if all sides are
+    starts = [side for side in clamped if (side - 1) % n_sides not in clamped] or [*clamped][:1]
     rows = []
     for start in starts:
         row = [start]
-        while (row[-1] + 1) % n in clamped and (row[-1] + 1) % n != start:
-            row.append((row[-1] + 1) % n)
+        while (row[-1] + 1) % n_sides in clamped and (row[-1] + 1) % n_sides != start:
+            row.append((row[-1] + 1) % n_sides)
         rows.append(row)
     return rows
 
 
-def forces_on_sides(solution: Solution, sharp: bool) -> Forces:
+def compute_forces(solution: Solution, sharp: bool) -> Forces:
     """The forces over all sides with contact and over each side, and the reactions."""
-    clamped, n = solution.problem.clamped_sides, solution.polygon.n_sides
-    rows = clamped_rows(n, clamped)
-    each_side = [[side] if side not in clamped else [] for side in range(n)]
+    clamped = solution.problem.clamped_sides
+    n = solution.polygon.n_sides
+    rows = group_adjacent_sides(n, clamped)
+    single_sides = [[side] if side not in clamped else [] for side in range(n)]
     with_contact = [side for side in range(n) if side not in clamped]
-    whole, total, *each = _forces_over(solution, sharp, [with_contact, [*range(n)], *each_side, *rows])
-    reactions = dict(zip(map(tuple, rows), each[n:], strict=True))
-    return Forces(whole, each[:n], reactions, total if solution.problem.c == ZERO else None)
+    contact_force, total, *group_forces = _bound_forces(
+        solution, sharp, [with_contact, [*range(n)], *single_sides, *rows]
+    )
+    reactions = dict(zip(map(tuple, rows), group_forces[n:], strict=True))
+    # (1.1) with v = 1: the sum of all is - int f - int q if c = 0, and not known without that
+    return Forces(contact_force, group_forces[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
-def force_over(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
+def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
     """The force over some sides with their reactions, by default over all sides with contact.
 
     Raises InputError for a part of clamped sides in a row.
     """
-    n, clamped = solution.polygon.n_sides, solution.problem.clamped_sides
+    n = solution.polygon.n_sides
+    clamped = solution.problem.clamped_sides
     if sides is None:
-        return _forces_over(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
-    part = arguments.sides(sides, n, "sides")
-    for row in clamped_rows(n, clamped):
-        if 0 < len({*row} & {*part}) < len(row):
-            raise InputError(f"sides {part}: the clamped sides {row} are in a row; take all or none of them")
-    return _forces_over(solution, sharp, [part])[0]
+        return _bound_forces(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
+    side_numbers = arguments.as_side_numbers(sides, n, "sides")
+    for row in group_adjacent_sides(n, clamped):
+        if 0 < len({*row} & {*side_numbers}) < len(row):
+            raise InputError(
+                f"sides {side_numbers}: the clamped sides {row} are in a row; take all or none of them"
+            )
+    return _bound_forces(solution, sharp, [side_numbers])[0]
 
 
-def _forces_over(solution: Solution, sharp: bool, parts: list[list[int]]) -> list[Force]:
+def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]]) -> list[Force]:
+    """The forces, with reactions, over groups of sides, between bounds by Proposition S16."""
     arguments.check_flags(sharp=sharp)
-    bounds, solved = bound_errors(solution, sharp), solution.solved
-    form, n = solved.form, solution.polygon.n_sides
-    # Without bounds nothing is known of reactions
+    bounds = bound_errors(solution, sharp)
+    solved = solution.solved
+    form = solved.form
+    n = solution.polygon.n_sides
+    # without bounds nothing is known of reactions
     outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
-    clamps = Clamps(form, outflows, none(n), math.inf)
+    clamps = ReactionData(form, outflows, no_clamped_ends(n), math.inf)
     if form.clamped and bounds:
         bounded = solution.bounded
-        bound, cheap, data = bounded.bound(sharp), bounded.local_bound, bounded.data
+        bound = bounded.bound(sharp)
+        cheap = bounded.local_bound
+        data = bounded.data
         assert bound is not None  # as there are bounds
         assert cheap is not None
         assert data is not None
-        clamps = Clamps(form, bound.outflows, cheap.ends, bound.of_fluxes, data.balance)
+        clamps = ReactionData(
+            form, bound.outflows, cheap.clamped_ends, bound.reaction_bound, data.total_force
+        )
+    # E of `bounds.forces`: |<lambda - lambda_H, w>| <= E N(w)
     error = bounds.multiplier if bounds else math.inf
-    return forces(solved.mesh, solved.partition, solved.lambda_H, error, parts, clamps)
+    return bound_forces(solved.mesh, solved.partition, solved.lambda_H, error, side_groups, clamps)

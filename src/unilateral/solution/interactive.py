@@ -12,212 +12,280 @@ import numpy as np
 
 from unilateral import __version__
 from unilateral.arrays import Array
-from unilateral.formulas.decimals import guaranteed, interval
-from unilateral.solution.bounds import wants_sharp
-from unilateral.solution.shown import Shown, force, numbered, shown
+from unilateral.formulas.decimals import add_guarantee, format_interval
+from unilateral.solution.bounds import uses_sharp_bounds
+from unilateral.solution.plot_data import PlotData, collect_plot_data, describe_force, select_numbered_sides
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from unilateral.solution.solution import Solution
 
-CONTACT, OBSTACLE, GAP, FREE, CLAMPED = "#d62728", "#222222", "#1f77b4", "#888888", "#000000"
-MOST_FORCES = 12
+PAGE_CONTACT_COLOUR = "#d62728"
+PAGE_OBSTACLE_COLOUR = "#222222"
+PAGE_GAP_COLOUR = "#1f77b4"
+PAGE_FREE_COLOUR = "#888888"
+PAGE_CLAMPED_COLOUR = "#000000"
+MAX_LISTED_FORCES = 12
 """The forces of at most this many sides are listed."""
-HEIGHT, FLATTEST, FAR = 0.6, 0.1, 1.3
-"""The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
+SURFACE_HEIGHT_RATIO = 0.6
+MIN_SIDES_RATIO = 0.1
+EYE_DISTANCE_RATIO = 1.3
+"""Height of the surface over the longer side of the domain, least ratio of the sides that are drawn, and
+distance of the eye over the diagonal of the scene."""
+OBSTACLE_DEPTH_RATIO = 1.0
+VERTICAL_MARGIN_RATIO = 0.05
+"""The obstacle is drawn down to this many heights of the surface below it; margin over that height."""
+STROKES_PER_PERIMETER = 60
+STROKE_LENGTH_RATIO = 0.04
+"""Strokes that would go around the boundary, and their length over the shorter side of the domain."""
+PAGE_LEGEND_LAYOUT = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
+COLOUR_BAR_TITLE = {"text": "u<sub>h</sub>", "side": "top"}
+PAGE_COLOUR_BAR = {
+    "title": COLOUR_BAR_TITLE,
+    "orientation": "h",
+    "thickness": 12,
+    "len": 0.6,
+    "y": 0,
+    "yanchor": "top",
+}
+HOVER_TEMPLATE = "{} = %{{z:.4g}}<br>x = %{{x:.4g}}<br>y = %{{y:.4g}}<extra></extra>"
+GREY_BAND_STYLE = {"fillcolor": "#eeeeee", "line_width": 0, "layer": "below"}
 
-The eye is FAR times the diagonal of what is seen away.
-"""
-BELOW, ROOM = 1.0, 0.05
-"""The obstacle is shown down to BELOW times the height of the surface below that; there is some ROOM."""
-STROKES, SHORT = 60, 0.04
-"""About STROKES strokes would go around the boundary, SHORT times the domain's shorter side long and deep."""
-LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
-TITLE = {"text": "u<sub>h</sub>", "side": "top"}
-BAR = {"title": TITLE, "orientation": "h", "thickness": 12, "len": 0.6, "y": 0, "yanchor": "top"}
-VALUES = "{} = %{{z:.4g}}<br>x = %{{x:.4g}}<br>y = %{{y:.4g}}<extra></extra>"
-GREY = {"fillcolor": "#eeeeee", "line_width": 0, "layer": "below"}
 
-
-def page(solution: Solution) -> str:
+def render_solution_page(solution: Solution) -> str:
     """The page, with the same bytes for the same solution."""
     from plotly.offline import get_plotlyjs
 
-    of = shown(solution)
+    plot_data = collect_plot_data(solution)
     template = resources.files("unilateral.solution") / "interactive.template.html"
-    sentences = [of.accuracy, force(solution, of), of.where, _coarser(of)]
+    sentences = [
+        plot_data.accuracy_text,
+        describe_force(solution, plot_data),
+        plot_data.contact_text,
+        _explain_coarse_surface(plot_data),
+    ]
     return Template(template.read_text(encoding="utf-8")).substitute(
-        title=escape(of.title),
+        title=escape(plot_data.title),
         sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
-        forces=forces(solution, of),
-        described=escape(described(of)),
-        no_gap=f"There is no gap: {escape(of.no_gap)}." if of.no_gap else "",
+        forces=render_forces_table(solution, plot_data),
+        described=escape(describe_surface(plot_data)),
+        no_gap=f"There is no gap: {escape(plot_data.no_gap_text)}." if plot_data.no_gap_text else "",
         plotly=get_plotlyjs(),
-        surface=surface(of).to_json(),
-        boundary=along(of).to_json(),
+        surface=draw_surface(plot_data).to_json(),
+        boundary=draw_boundary_graphs(plot_data).to_json(),
         version=__version__,
     )
 
 
-def forces(solution: Solution, of: Shown) -> str:
+def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     """A table of the forces on sides with contact, and of the reactions on clamped ones, with their bounds.
 
-    At most MOST_FORCES sides are in it. It is left out where bounds take more memory than is free.
+    At most MAX_LISTED_FORCES sides are in it. It is left out where bounds take more memory than is free.
     """
-    if not of.accuracy:
+    if not plot_data.accuracy_text:
         return ""
-    found = solution.forces(wants_sharp(solution))
-    with_contact = np.unique(of.contact.partition.side[~of.free])[:MOST_FORCES].tolist()
-    rows = {f"force, side {side}": found.sides[side] for side in with_contact}
-    for row, reaction in found.reactions.items():
+    forces = solution.forces(uses_sharp_bounds(solution))
+    contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
+    rows = {f"force, side {side}": forces.sides[side] for side in contact_sides[:MAX_LISTED_FORCES]}
+    for row, reaction in forces.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
-    if found.total and len(rows) > 1:
-        rows["sum of forces, reactions"] = found.total
+    if forces.total and len(rows) > 1:
+        rows["sum of forces, reactions"] = forces.total
     lines = []
     for name, (value, lower, upper) in rows.items():
-        text = guaranteed(interval(lower, upper, value), lower, upper)
+        text = add_guarantee(format_interval(lower, upper, value), lower, upper)
         lines.append(f"<tr><th>{name}</th><td>{text}</td></tr>")
     return f"<table>{''.join(lines)}</table>"
 
 
-def _coarser(of: Shown) -> str:
-    """Says that the surface is coarser than the mesh, if it is."""
-    drawn, all_of_them = len(of.surface[1]), len(of.mesh.triangles)
-    if drawn == all_of_them:
+def _explain_coarse_surface(plot_data: PlotData) -> str:
+    """Sentence that the surface is coarser than the mesh, empty if it is not."""
+    drawn = len(plot_data.surface[1])
+    total = len(plot_data.mesh.triangles)
+    if drawn == total:
         return ""
-    return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {all_of_them}"
+    return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {total}"
 
 
-def described(of: Shown) -> str:
-    """What the surface shows, for those who do not see it."""
-    least, largest = float(of.u.min()), float(of.u.max())
+def describe_surface(plot_data: PlotData) -> str:
+    """Description of the surface in words, for those who do not see it."""
+    lowest = float(plot_data.u.min())
+    highest = float(plot_data.u.max())
     return (
-        f"The solution u_h as a surface over the domain, between {least:.4g} and {largest:.4g}; "
-        f"{of.where}; on a mesh of {len(of.mesh.triangles)} triangles."
+        f"The solution u_h as a surface over the domain, between {lowest:.4g} and {highest:.4g}; "
+        f"{plot_data.contact_text}; on a mesh of {len(plot_data.mesh.triangles)} triangles."
     )
 
 
-def surface(of: Shown) -> Figure:
+def draw_surface(plot_data: PlotData) -> Figure:
     """u_h over the domain, with the contact set and the obstacle as lines."""
     import plotly.graph_objects as go
 
-    nodes, triangles = of.surface
-    (x, y), u, (i, j, k) = of.mesh.points[nodes].T, of.u[nodes], triangles.T.astype(np.int32)
-    look: Any = {"cmin": of.limits[0], "cmax": of.limits[1], "colorscale": "Viridis", "colorbar": BAR}
-    look |= {"lighting": {"ambient": 0.8, "specular": 0.1}, "hovertemplate": VALUES.format("u<sub>h</sub>")}
+    nodes, triangles = plot_data.surface
+    (x, y) = plot_data.mesh.points[nodes].T
+    u = plot_data.u[nodes]
+    (i, j, k) = triangles.T.astype(np.int32)
+    look: Any = {
+        "cmin": plot_data.colour_limits[0],
+        "cmax": plot_data.colour_limits[1],
+        "colorscale": "Viridis",
+        "colorbar": PAGE_COLOUR_BAR,
+    }
+    look |= {
+        "lighting": {"ambient": 0.8, "specular": 0.1},
+        "hovertemplate": HOVER_TEMPLATE.format("u<sub>h</sub>"),
+    }
     mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **look)
-    contact = _line(_contact(of), CONTACT, 9, "contact")
-    obstacle = _line(_obstacle(of), OBSTACLE, 4, "obstacle g, mean over each cell without contact")
-    clamped = [_line(_clamped(of), CLAMPED, 5, "clamped")] if of.clamped else []
+    contact = _draw_space_line(_contact_curve(plot_data), PAGE_CONTACT_COLOUR, 9, "contact")
+    obstacle = _draw_space_line(
+        _obstacle_steps(plot_data), PAGE_OBSTACLE_COLOUR, 4, "obstacle g, mean over each cell without contact"
+    )
+    clamped = (
+        [_draw_space_line(_clamped_strokes(plot_data), PAGE_CLAMPED_COLOUR, 5, "clamped")]
+        if plot_data.clamped_sides
+        else []
+    )
     margin = {"l": 0, "r": 0, "t": 0, "b": 50}
-    layout = {"template": "none", "margin": margin, "legend": LEGEND, "scene": _scene(of)}
-    return go.Figure([mesh, contact, obstacle, *clamped, _sides(of)], layout)
+    layout = {
+        "template": "none",
+        "margin": margin,
+        "legend": PAGE_LEGEND_LAYOUT,
+        "scene": _lay_out_scene(plot_data),
+    }
+    return go.Figure([mesh, contact, obstacle, *clamped, _draw_side_numbers(plot_data)], layout)
 
 
-def _scene(of: Shown) -> dict[str, Any]:
-    """The axes: x and y to scale unless the domain is long, u_h so that it is seen."""
-    sizes, (least, largest) = np.ptp(of.mesh.points, axis=0), of.limits
-    across = np.maximum(sizes / sizes.max(), FLATTEST)
-    height = largest - least
-    lowest = float(np.nanmin(of.obstacle, initial=least))
-    bottom, top = max(lowest, least - BELOW * height) - ROOM * height, largest + ROOM * height
-    far = FAR * math.hypot(*across, HEIGHT)
+def _lay_out_scene(plot_data: PlotData) -> dict[str, Any]:
+    """Layout of the axes: x and y to scale unless the domain is long, u_h so that it is seen."""
+    sizes = np.ptp(plot_data.mesh.points, axis=0)
+    (u_min, u_max) = plot_data.colour_limits
+    aspect = np.maximum(sizes / sizes.max(), MIN_SIDES_RATIO)
+    height = u_max - u_min
+    lowest = float(np.nanmin(plot_data.obstacle, initial=u_min))
+    bottom = max(lowest, u_min - OBSTACLE_DEPTH_RATIO * height) - VERTICAL_MARGIN_RATIO * height
+    top = u_max + VERTICAL_MARGIN_RATIO * height
+    eye = EYE_DISTANCE_RATIO * math.hypot(*aspect, SURFACE_HEIGHT_RATIO)
     return {
         "xaxis": {"title": "x"},
         "yaxis": {"title": "y"},
         "zaxis": {"title": "u_h", "range": [bottom, top]},
         "aspectmode": "manual",
-        "aspectratio": {"x": across[0], "y": across[1], "z": HEIGHT},
-        "camera": {"eye": {"x": -0.45 * far, "y": -0.75 * far, "z": 0.5 * far}},
+        "aspectratio": {"x": aspect[0], "y": aspect[1], "z": SURFACE_HEIGHT_RATIO},
+        "camera": {"eye": {"x": -0.45 * eye, "y": -0.75 * eye, "z": 0.5 * eye}},
     }
 
 
-def _line(points: Array, colour: str, width: float, name: str) -> Any:
+def _draw_space_line(points: Array, colour: str, width: float, name: str) -> Any:
     """A line through points (k, 3), broken at NaN."""
     import plotly.graph_objects as go
 
-    (x, y, z), look = points.T, {"color": colour, "width": width}
-    return go.Scatter3d(x=x, y=y, z=z, mode="lines", line=look, name=name, hovertemplate=VALUES.format(name))
+    (x, y, z) = points.T
+    look = {"color": colour, "width": width}
+    return go.Scatter3d(
+        x=x, y=y, z=z, mode="lines", line=look, name=name, hovertemplate=HOVER_TEMPLATE.format(name)
+    )
 
 
-def _sides(of: Shown) -> Any:
+def _draw_side_numbers(plot_data: PlotData) -> Any:
     """The numbers of the sides, a little outside at the height of u_h."""
     import plotly.graph_objects as go
 
-    polygon, sides = of.mesh.polygon, numbered(of)
-    middles = np.concatenate([_on_side(of, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides])
-    away = SHORT * np.ptp(of.mesh.points, axis=0).min() * polygon.normals[sides]
-    (x, y), z = (middles[:, :2] + away).T, middles[:, 2]
+    polygon = plot_data.mesh.polygon
+    sides = select_numbered_sides(plot_data)
+    middles = np.concatenate(
+        [_boundary_curve(plot_data, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides]
+    )
+    offset = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min() * polygon.normals[sides]
+    (x, y) = (middles[:, :2] + offset).T
+    z = middles[:, 2]
     look: Any = {"mode": "text", "text": [str(i) for i in sides], "hoverinfo": "skip", "showlegend": False}
     return go.Scatter3d(x=x, y=y, z=z, name="numbers of sides", **look)
 
 
-def _contact(of: Shown) -> Array:
-    """(k, 3) the intervals of contact with u_h, NaN between them."""
-    parts = [np.empty((0, 3))]
-    for each in of.contact.intervals:
-        start, end = of.mesh.polygon.starts[each.side] + np.array([each.start, each.end])
-        inner = of.mesh.s[(of.mesh.s > start) & (of.mesh.s < end)]
-        parts += [_on_side(of, each.side, np.concatenate([[start], inner, [end]])), np.full((1, 3), np.nan)]
-    return np.concatenate(parts)
+def _contact_curve(plot_data: PlotData) -> Array:
+    """Points (k, 3) of the contact intervals at the height of u_h, with NaN between intervals."""
+    curves = [np.empty((0, 3))]
+    for interval in plot_data.contact.intervals:
+        start, end = plot_data.mesh.polygon.starts[interval.side] + np.array([interval.start, interval.end])
+        # u_h bends at the nodes between
+        inner = plot_data.mesh.s[(plot_data.mesh.s > start) & (plot_data.mesh.s < end)]
+        curves += [
+            _boundary_curve(plot_data, interval.side, np.concatenate([[start], inner, [end]])),
+            np.full((1, 3), np.nan),
+        ]
+    return np.concatenate(curves)
 
 
-def _on_side(of: Shown, side: int, s: Array) -> Array:
-    """(k, 3) points at arc lengths s (k,) of a side, with u_h."""
-    polygon, trace = of.mesh.polygon, np.append(of.u[of.mesh.boundary], of.u[of.mesh.boundary[0]])
+def _boundary_curve(plot_data: PlotData, side: int, s: Array) -> Array:
+    """Points (k, 3) at arc lengths s (k,) on a side, at the height of u_h."""
+    polygon = plot_data.mesh.polygon
+    trace = np.append(plot_data.u[plot_data.mesh.boundary], plot_data.u[plot_data.mesh.boundary[0]])
     places = polygon.at(np.full(len(s), side), s - polygon.starts[side])
-    return np.column_stack([places, np.interp(s, of.mesh.s, trace)])
+    return np.column_stack([places, np.interp(s, plot_data.mesh.s, trace)])
 
 
-def _clamped(of: Shown) -> Array:
-    """(k, 3) clamped sides at the height of u_h, with oblique strokes outside, and NaN between them."""
-    polygon, parts, long = of.mesh.polygon, [], SHORT * np.ptp(of.mesh.points, axis=0).min()
-    for side in of.clamped:
-        n, (start, end) = int(STROKES * polygon.lengths[side] / polygon.perimeter), polygon.starts[side:][:2]
-        feet = _on_side(of, side, np.linspace(start, end, n + 2))
-        along = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
-        tips = feet + np.append(long * (polygon.normals[side] - along), 0.0)
-        parts += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
-    return np.concatenate(parts)
+def _clamped_strokes(plot_data: PlotData) -> Array:
+    """Points (k, 3) of clamped sides at the height of u_h, with strokes outside and NaN between sides."""
+    polygon = plot_data.mesh.polygon
+    curves = []
+    stroke = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min()
+    for side in plot_data.clamped_sides:
+        n = int(STROKES_PER_PERIMETER * polygon.lengths[side] / polygon.perimeter)
+        (start, end) = polygon.starts[side:][:2]
+        feet = _boundary_curve(plot_data, side, np.linspace(start, end, n + 2))
+        tangent = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
+        tips = feet + np.append(stroke * (polygon.normals[side] - tangent), 0.0)
+        # from each foot to its tip and back, so that one line draws all
+        curves += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
+    return np.concatenate(curves)
 
 
-def _obstacle(of: Shown) -> Array:
-    """(2 m, 3) both ends of each cell with the mean of g, NaN in contact, where the line would be hidden."""
-    ends = np.stack(of.contact.partition.ends, axis=1).reshape(-1, 2)
-    return np.column_stack([ends, np.repeat(np.where(of.contact.lambda_H > 0, np.nan, of.obstacle), 2)])
+def _obstacle_steps(plot_data: PlotData) -> Array:
+    """Both ends (2 m, 3) of each cell at the height of the mean of g, NaN in contact, where u_h hides it."""
+    ends = np.stack(plot_data.contact.partition.ends, axis=1).reshape(-1, 2)
+    heights = np.where(plot_data.contact.lambda_H > 0, np.nan, plot_data.obstacle)
+    return np.column_stack([ends, np.repeat(heights, 2)])
 
 
-def along(of: Shown) -> Figure:
+def draw_boundary_graphs(plot_data: PlotData) -> Figure:
     """lambda_H and the gap over the arc length."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    cells, polygon = of.contact.partition, of.mesh.polygon
-    s, sides = np.repeat(cells.points, 2)[1:-1], np.repeat(cells.side, 2)
+    partition = plot_data.contact.partition
+    polygon = plot_data.mesh.polygon
+    # values on cells are steps, between both ends of each
+    s = np.repeat(partition.points, 2)[1:-1]
+    sides = np.repeat(partition.side, 2)
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06)
     lines = [
-        (of.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": CONTACT}, "tozeroy"),
-        (of.gap, 2, "mean of u<sub>h</sub> − g", {"color": GAP}, None),
+        (plot_data.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": PAGE_CONTACT_COLOUR}, "tozeroy"),
+        (plot_data.gap, 2, "mean of u<sub>h</sub> − g", {"color": PAGE_GAP_COLOUR}, None),
     ]
-    if of.flux.any():
-        given = np.where(of.free, of.flux, np.nan)
-        lines.append((given, 1, "given flux q", {"color": FREE, "dash": "dash"}, None))
+    if plot_data.given_flux.any():
+        given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
+        lines.append((given_flux, 1, "given flux q", {"color": PAGE_FREE_COLOUR, "dash": "dash"}, None))
     for values, row, name, look, fill in lines:
-        value = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
-        of_line: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": value}
-        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **of_line)
+        hover = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
+        line_style: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": hover}
+        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **line_style)
         figure.add_trace(line, row=row, col=1)
     for start in polygon.starts:
         figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")
-    for side in np.unique(cells.side[of.free]):
-        named = {"annotation_text": "clamped", "annotation_textangle": -90} if side in of.clamped else {}
-        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY, **named)
-    for side in numbered(of):
-        middle, text = polygon.starts[side] + polygon.lengths[side] / 2, str(side) if side else "side 0"
+    for side in np.unique(partition.side[plot_data.no_contact]):
+        annotation: Any = {}
+        if side in plot_data.clamped_sides:
+            annotation = {"annotation_text": "clamped", "annotation_textangle": -90}
+        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY_BAND_STYLE, **annotation)
+    for side in select_numbered_sides(plot_data):
+        middle = polygon.starts[side] + polygon.lengths[side] / 2
+        text = str(side) if side else "side 0"
         figure.add_annotation(x=middle, y=1, yref="y domain", yanchor="top", text=text, showarrow=False)
     figure.update_xaxes(range=[0, polygon.perimeter], zeroline=False)
     figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
     figure.update_yaxes(automargin=True, rangemode="tozero")
-    figure.update_layout(template="none", margin={"l": 50, "r": 10, "t": 10, "b": 45}, legend=LEGEND)
+    figure.update_layout(
+        template="none", margin={"l": 50, "r": 10, "t": 10, "b": 45}, legend=PAGE_LEGEND_LAYOUT
+    )
     return figure

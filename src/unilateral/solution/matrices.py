@@ -22,20 +22,20 @@ class Matrices:
     `A` (n, n) is k times the stiffness plus c times the mass matrix. B[i, j] of `B` (m, n) is the integral of
     node j's hat over cell i. `F` (n,) is the load of f and of the flux q, and `g` (m,) has the means of g on
     the cells, whose lengths are `H` (m,). The m `cells` (m,) are those of the partition that lie on no free
-    or clamped side. At nodes on clamped sides u is given in place of an
-    equation; A and B in `D` are without these.
+    or clamped side. At nodes on clamped sides u is given in place of an equation; A and B in `D` are without
+    these.
 
     >>> import numpy as np
     >>> import unilateral as ul
     >>> solver = ul.Solver("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm="active_set"))
-    >>> s, of = solver(), solver.matrices()
-    >>> lambda_H, gap = s.multiplier[of.cells], of.B @ s.u - of.H * of.g
-    >>> residual = of.A @ s.u - of.B.T @ lambda_H - of.F
+    >>> s, m = solver(), solver.matrices()
+    >>> lambda_H, gap = s.multiplier[m.cells], m.B @ s.u - m.H * m.g
+    >>> residual = m.A @ s.u - m.B.T @ lambda_H - m.F
     >>> bool(np.abs(residual).max() < 1e-12), bool(lambda_H.min() >= 0), bool(gap.min() > -1e-12)
     (True, True, True)
     >>> bool(np.abs(lambda_H * gap).max() < 1e-12)
     True
-    >>> bool(np.allclose(of.D @ lambda_H + of.B @ np.linalg.solve(of.A.toarray(), of.F), of.B @ s.u))
+    >>> bool(np.allclose(m.D @ lambda_H + m.B @ np.linalg.solve(m.A.toarray(), m.F), m.B @ s.u))
     True
     """
 
@@ -45,7 +45,7 @@ class Matrices:
     g: Array
     H: Array
     cells: Index
-    _operator: Callable[[], DualOperator]
+    _make_operator: Callable[[], DualOperator]
 
     def __repr__(self) -> str:
         m, n = self.B.shape
@@ -53,29 +53,30 @@ class Matrices:
 
     @cached_property
     def D(self) -> Array:
-        """(m, m) B A^{-1} B^T, dense. Raises InputError where that takes more memory than is free."""
-        return self._operator().D
+        """The dense matrix B A^{-1} B^T (m, m) of the dual problem."""
+        return self._make_operator().D
 
     @cached_property
     def S(self) -> Array:
-        """(m, m) D with rows and columns divided by H^{1/2}, for H^{1/2} lambda as unknowns."""
+        """D (m, m) with rows and columns divided by H^{1/2}, for H^{1/2} lambda as unknowns."""
         root = np.sqrt(self.H)
         return self.D / root[:, None] / root
 
 
-def matrices(
+def assemble_matrices(
     discrete: DiscreteProblem,
-    operator: Callable[[], DualOperator],
+    make_operator: Callable[[], DualOperator],
 ) -> Matrices:
-    """Those of a discrete problem, whose dual operator the `operator` makes."""
+    """Matrices, load and means of g of a discrete problem."""
     mesh = discrete.mesh
     partition = discrete.partition
     form = discrete.form
     stiffness, mass = stiffness_and_mass(mesh)
-    cells, nodes = discrete.cells, mesh.boundary
-    on_boundary = coupling(mesh, partition)[cells].tocoo()
+    cells = discrete.cells
+    # B has columns for all nodes, `coupling` for those of the boundary
+    coupled = coupling(mesh, partition)[cells].tocoo()
     shape = (len(cells), mesh.n_nodes)
-    B = sp.coo_array((on_boundary.data, (on_boundary.row, nodes[on_boundary.col])), shape=shape).tocsr()
+    B = sp.coo_array((coupled.data, (coupled.row, mesh.boundary[coupled.col])), shape=shape).tocsr()
     return Matrices(
         A=(form.k * stiffness + form.c * mass).tocsr(),
         B=B,
@@ -83,5 +84,5 @@ def matrices(
         g=discrete.g_means[cells],
         H=partition.lengths[cells],
         cells=cells,
-        _operator=operator,
+        _make_operator=make_operator,
     )

@@ -14,148 +14,172 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator
 
-from unilateral.errors import InputError, shown
-from unilateral.solution.plot_domain import CONTACT, FREE, TALLEST, domain, mesh, ticks
-from unilateral.solution.shown import APART, Shown, numbered
+from unilateral.errors import InputError, quote_input
+from unilateral.solution.plot_data import MIN_NUMBER_DISTANCE, PlotData, select_numbered_sides
+from unilateral.solution.plot_domain import (
+    CONTACT_COLOUR,
+    FREE_COLOUR,
+    MAX_HEIGHT_OVER_WIDTH,
+    choose_ticks,
+    draw_domain,
+    draw_mesh,
+)
 
-GAP = "tab:blue"
-CLAMPED: Any = {"facecolor": "0.93", "edgecolor": "0.8", "linewidth": 0, "hatch": "///"}
-DOTS = 150
+GAP_COLOUR = "tab:blue"
+CLAMPED_BAND_STYLE: Any = {"facecolor": "0.93", "edgecolor": "0.8", "linewidth": 0, "hatch": "///"}
+DOTS_PER_INCH = 150
 """Dots per inch of what has as many parts as the mesh."""
-STYLE: Any = {
+PLOT_STYLE: Any = {
     "font.size": 11,
     "axes.titlesize": 11,
     "figure.titlesize": 12,
     "axes.formatter.limits": (-3, 4),
     "axes.formatter.use_mathtext": True,
 }
-ONE, TWO, ALONG = 6.5, 7.5, 1.7
-"""The width of a page with one panel and with two beside each other, and the height along the boundary.
-
-In inches; they are small beside the letters, so that a picture can be read on a phone.
-"""
-BAR = 0.2
-"""The room at the right for the label of a colour bar, in inches, which the layout does not see."""
-FLATTEST, FLAT = 0.25, 0.5
-"""The least height over width of the space for the domain.
-
-Panels of domains below FLAT stand one above the other.
-"""
-LETTERS, LINES, DOTTED = 10.0, 3, " ..."
+ONE_PANEL_INCHES = 6.5
+TWO_PANEL_INCHES = 7.5
+BOUNDARY_PANEL_INCHES = 1.7
+"""Widths of a page with one panel and with two, and the height along the boundary: to be read on a phone."""
+COLOUR_BAR_INCHES = 0.2
+"""Margin at the right for the label of a colour bar, which the layout does not see."""
+MIN_HEIGHT_OVER_WIDTH = 0.25
+STACKING_HEIGHT_OVER_WIDTH = 0.5
+"""Least height over width of a panel with the domain, and of panels that stand beside each other."""
+TITLE_LETTERS_PER_INCH = 10.0
+MAX_TITLE_LINES = 3
+TITLE_ELLIPSIS = " ..."
 """Letters of a title to the inch, lines that it may have, and the end of a longer one."""
-PLACES = 6
+POSITION_DECIMALS = 6
 """Decimals of the place of axes, as a fraction of the page."""
-PATHS: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
+SVG_STYLE: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
 
 
-def figure(of: Shown) -> Figure:
+def draw_solution(plot_data: PlotData) -> Figure:
     """u_h with the contact set, beside it the mesh if it is adapted, and both along the boundary."""
-    width, height = np.ptp(of.mesh.points, axis=0)
-    shape, panels = float(np.clip(height / width, FLATTEST, TALLEST)), 2 if of.mesh.adapted else 1
-    across = panels if shape > FLAT else 1
-    wide, down = TWO if across > 1 else ONE, panels // across
-    tall = (wide / across - 1) * shape + 0.6  # less labels and the colour bar, and a title
-    with mpl.rc_context(STYLE):
-        layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - BAR / wide, 1))
-        page = Figure(figsize=(wide, down * tall + 2 * ALONG), layout=layout, dpi=DOTS)
-        grid = page.add_gridspec(down + 2, across, height_ratios=[tall] * down + [ALONG] * 2)
-        domain(page.add_subplot(grid[0, 0]), of)
+    # panels with the domain, beside each other or stacked, above two panels along the boundary
+    width, height = np.ptp(plot_data.mesh.points, axis=0)
+    aspect = float(np.clip(height / width, MIN_HEIGHT_OVER_WIDTH, MAX_HEIGHT_OVER_WIDTH))
+    panels = 2 if plot_data.mesh.is_adapted else 1
+    columns = panels if aspect > STACKING_HEIGHT_OVER_WIDTH else 1
+    rows = panels // columns
+    page_width = TWO_PANEL_INCHES if columns > 1 else ONE_PANEL_INCHES
+    panel_height = (page_width / columns - 1) * aspect + 0.6  # less labels and the colour bar, and a title
+    page_height = rows * panel_height + 2 * BOUNDARY_PANEL_INCHES
+    height_ratios = [panel_height] * rows + [BOUNDARY_PANEL_INCHES] * 2
+    with mpl.rc_context(PLOT_STYLE):
+        layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - COLOUR_BAR_INCHES / page_width, 1))
+        page = Figure(figsize=(page_width, page_height), layout=layout, dpi=DOTS_PER_INCH)
+        grid = page.add_gridspec(rows + 2, columns, height_ratios=height_ratios)
+        draw_domain(page.add_subplot(grid[0, 0]), plot_data)
         if panels > 1:
-            beside = page.add_subplot(grid[down - 1, across - 1])
-            mesh(beside, of)
-            beside.tick_params(labelleft=across == 1)
-        above = page.add_subplot(grid[-2, :])
-        _along(above, page.add_subplot(grid[-1, :], sharex=above), of)
-        lines = [line for text in (of.title, of.accuracy) for line in wrapped(text, int(LETTERS * wide))]
+            mesh_axes = page.add_subplot(grid[rows - 1, columns - 1])
+            draw_mesh(mesh_axes, plot_data)
+            mesh_axes.tick_params(labelleft=columns == 1)
+        multiplier_axes = page.add_subplot(grid[-2, :])
+        gap_axes = page.add_subplot(grid[-1, :], sharex=multiplier_axes)
+        _draw_boundary_panels(multiplier_axes, gap_axes, plot_data)
+        lines = [
+            line
+            for text in (plot_data.title, plot_data.accuracy_text)
+            for line in wrap_evenly(text, int(TITLE_LETTERS_PER_INCH * page_width))
+        ]
         page.suptitle("\n".join(lines), parse_math=False)  # for the title is the user's
     return page
 
 
-def on_axes(ax: object, of: Shown) -> Axes:
+def draw_on_axes(ax: object, plot_data: PlotData) -> Axes:
     """Draws u_h with the contact set on axes, and returns these. Raises InputError for what are none."""
     if not isinstance(ax, Axes) or ax.name != "rectilinear":
-        raise InputError(f"ax is {shown(repr(ax))}; it has to be plane axes of matplotlib, such as plt.gca()")
-    domain(ax, of, inside=True)
+        raise InputError(
+            f"ax is {quote_input(repr(ax))}; it has to be plane axes of matplotlib, such as plt.gca()"
+        )
+    draw_domain(ax, plot_data, is_bar_inside=True)
     return ax
 
 
-def _along(above: Axes, below: Axes, of: Shown) -> None:
+def _draw_boundary_panels(multiplier_axes: Axes, gap_axes: Axes, plot_data: PlotData) -> None:
     """lambda_H, and below it u_h - g, over the arc length; free sides are grey, and sides have numbers."""
-    s, polygon = of.contact.partition.points, of.mesh.polygon
-    above.stairs(of.contact.lambda_H, s, color=CONTACT, fill=True, alpha=0.3)
-    above.stairs(of.contact.lambda_H, s, color=CONTACT)
-    below.stairs(of.gap, s, baseline=0, color=GAP)
-    _scaled(above, "" if of.contact.intervals or of.flux.any() else of.where)
-    _scaled(below, of.no_gap)
-    for axes in (above, below):
+    s = plot_data.contact.partition.points
+    polygon = plot_data.mesh.polygon
+    multiplier_axes.stairs(plot_data.contact.lambda_H, s, color=CONTACT_COLOUR, fill=True, alpha=0.3)
+    multiplier_axes.stairs(plot_data.contact.lambda_H, s, color=CONTACT_COLOUR)
+    gap_axes.stairs(plot_data.gap, s, baseline=0, color=GAP_COLOUR)
+    _set_value_ticks(
+        multiplier_axes,
+        "" if plot_data.contact.intervals or plot_data.given_flux.any() else plot_data.contact_text,
+    )
+    _set_value_ticks(gap_axes, plot_data.no_gap_text)
+    for axes in (multiplier_axes, gap_axes):
         for start in polygon.starts:
             axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
         axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
-    above.set(ylabel="multiplier\n$\\lambda_H$", xlim=(0, polygon.perimeter))
-    above.tick_params(labelbottom=False)
-    above.yaxis.get_offset_text().set_horizontalalignment("right")  # not in the way of the sides' numbers
-    below.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
-    _free(above, below, of)
-    named, sides = numbered(of), above.secondary_xaxis("top")
+    multiplier_axes.set(ylabel="multiplier\n$\\lambda_H$", xlim=(0, polygon.perimeter))
+    multiplier_axes.tick_params(labelbottom=False)
+    # the power of ten at the right, not in the way of the sides' numbers
+    multiplier_axes.yaxis.get_offset_text().set_horizontalalignment("right")
+    gap_axes.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
+    _mark_sides_without_contact(multiplier_axes, gap_axes, plot_data)
+    numbered_sides = select_numbered_sides(plot_data)
+    side_axis = multiplier_axes.secondary_xaxis("top")
     middles = polygon.starts[:-1] + polygon.lengths / 2
-    sides.set_xticks(middles[named], [str(i) if i else "side 0" for i in named])
-    sides.tick_params(length=0)
+    side_axis.set_xticks(middles[numbered_sides], [str(i) if i else "side 0" for i in numbered_sides])
+    side_axis.tick_params(length=0)
 
 
-def _scaled(axes: Axes, nothing: str) -> None:
-    """Few ticks, or where all is 0 what that means."""
-    axes.yaxis.set_major_locator(FixedLocator([0]) if nothing else ticks())
-    if nothing:
+def _set_value_ticks(axes: Axes, zero_meaning: str) -> None:
+    """Sets few ticks, or where all values are 0 writes what that means."""
+    axes.yaxis.set_major_locator(FixedLocator([0]) if zero_meaning else choose_ticks())
+    if zero_meaning:
         axes.set_ylim(-1, 1)
-        axes.text(0.5, 0.75, nothing, ha="center", va="center", transform=axes.transAxes)
+        axes.text(0.5, 0.75, zero_meaning, ha="center", va="center", transform=axes.transAxes)
 
 
-def _free(above: Axes, below: Axes, of: Shown) -> None:
-    """Sides without contact in grey, clamped ones hatched, free ones with the flux that is given there."""
-    s, polygon = of.contact.partition.points, of.mesh.polygon
-    for side in np.unique(of.contact.partition.side[of.free]):
+def _mark_sides_without_contact(multiplier_axes: Axes, gap_axes: Axes, plot_data: PlotData) -> None:
+    """Marks sides without contact in grey, clamped ones hatched, free ones with the flux that is given."""
+    s = plot_data.contact.partition.points
+    polygon = plot_data.mesh.polygon
+    for side in np.unique(plot_data.contact.partition.side[plot_data.no_contact]):
         start, end = polygon.starts[[side, side + 1]]
-        clamped = side in of.clamped
-        for axes in (above, below):
-            axes.axvspan(start, end, zorder=-1, **CLAMPED if clamped else {"color": "0.93"})
-        if end - start >= APART * polygon.perimeter and not clamped:
-            place: Any = {"transform": below.get_xaxis_transform(), "ha": "center", "va": "center"}
-            below.text((start + end) / 2, 0.25, "free", color=FREE, **place)
-    if of.flux.any():
-        given = np.where(of.free, of.flux, np.nan)
-        above.stairs(given, s, baseline=None, color=FREE, linestyle="dashed", label="given flux q")
-        above.legend(fontsize="small", frameon=False)
+        clamped = side in plot_data.clamped_sides
+        for axes in (multiplier_axes, gap_axes):
+            axes.axvspan(start, end, zorder=-1, **CLAMPED_BAND_STYLE if clamped else {"color": "0.93"})
+        if end - start >= MIN_NUMBER_DISTANCE * polygon.perimeter and not clamped:
+            alignment: Any = {"transform": gap_axes.get_xaxis_transform(), "ha": "center", "va": "center"}
+            gap_axes.text((start + end) / 2, 0.25, "free", color=FREE_COLOUR, **alignment)
+    if plot_data.given_flux.any():
+        given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
+        multiplier_axes.stairs(
+            given_flux, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
+        )
+        multiplier_axes.legend(fontsize="small", frameon=False)
 
 
-def wrapped(text: str, most: int) -> list[str]:
-    """A text on as few lines of at most so many letters as it takes, all of much the same length."""
-    found = textwrap.wrap(text, most, max_lines=LINES, placeholder=DOTTED)
-    for width in range(len(text) // max(len(found), 1), most):
+def wrap_evenly(text: str, max_letters: int) -> list[str]:
+    """Lines of at most so many letters: as few as the text takes, and of much the same length."""
+    # the narrowest width that takes no more lines makes them even
+    lines = textwrap.wrap(text, max_letters, max_lines=MAX_TITLE_LINES, placeholder=TITLE_ELLIPSIS)
+    for width in range(len(text) // max(len(lines), 1), max_letters):
         evener = textwrap.wrap(text, max(width, 1))
-        if len(evener) == len(found):
+        if len(evener) == len(lines):
             return evener
-    return found
+    return lines
 
 
-def draw(page: Figure, path: Path) -> None:
+def write_figure(figure: Figure, path: Path) -> None:
     """Writes the figure into a file, with the same bytes for the same figure."""
-    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    _placed(page)
-    with mpl.rc_context(PATHS):
-        page.savefig(path, metadata=undated.get(path.suffix))
+    no_date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    # the last digits of where the layout puts axes depend on the order in which it sees them
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, POSITION_DECIMALS)))
+    with mpl.rc_context(SVG_STYLE):
+        figure.savefig(path, metadata=no_date.get(path.suffix))
 
 
-def _placed(page: Figure) -> None:
-    """Rounds where the layout puts axes: its last digits depend on the order in which it sees them."""
-    page.draw_without_rendering()
-    page.set_layout_engine("none")
-    for axes in page.axes:
-        axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, PLACES)))
-
-
-def svg(page: Figure) -> str:
+def render_svg(figure: Figure) -> str:
     """The figure as an element of a page of HTML, the same for the same figure."""
-    found = StringIO()
-    with mpl.rc_context(PATHS):
-        page.savefig(found, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return "<svg" + found.getvalue().partition("<svg")[2]
+    svg = StringIO()
+    with mpl.rc_context(SVG_STYLE):
+        figure.savefig(svg, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return "<svg" + svg.getvalue().partition("<svg")[2]

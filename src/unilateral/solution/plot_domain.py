@@ -15,115 +15,145 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from matplotlib.tri import Triangulation
 
 from unilateral.arrays import Array
-from unilateral.solution.shown import Shown, numbered
+from unilateral.solution.plot_data import PlotData, select_numbered_sides
 
-CONTACT, FREE = "tab:red", "0.45"
-LINE, TRIANGLES = 20.0, 20_000
-"""The mesh's lines are LINE points over the root of the number of triangles wide, or less.
-
-Above so many TRIANGLES lines would be grey, and the lengths of their edges are shown by colours.
-"""
-TALLEST, LONG = 1.2, 8.0
-"""The largest height over width of the space for the domain.
-
-One with longer sides by a factor LONG is not drawn to scale, for it would be a line.
-"""
-MARGIN = 0.03
+CONTACT_COLOUR = "tab:red"
+FREE_COLOUR = "0.45"
+MESH_LINE_POINTS = 20.0
+MAX_OUTLINED_TRIANGLES = 20_000
+"""Width in points of a mesh's lines, over the root of the number of triangles. With more than so many
+triangles the lines would merge to grey, and colours show the lengths of edges instead."""
+MAX_HEIGHT_OVER_WIDTH = 1.2
+MAX_SCALED_ASPECT = 8.0
+"""Largest height over width of a panel; a domain that is longer than wide by more is not drawn to scale."""
+DOMAIN_MARGIN = 0.03
 """The margin around the domain, as a fraction of its size."""
-LEVELS = 12
+MAX_CONTOUR_LEVELS = 12
 """At most this many levels of u_h have a line."""
-OUTSIDE = withTickedStroke(spacing=6, angle=-135, length=1.4)
-CLAMPED: Any = {"color": "k", "linewidth": 1.5, "path_effects": [OUTSIDE], "clip_on": False, "zorder": 2}
+OUTWARD_STROKES = withTickedStroke(spacing=6, angle=-135, length=1.4)
+CLAMPED_SIDE_STYLE: Any = {
+    "color": "k",
+    "linewidth": 1.5,
+    "path_effects": [OUTWARD_STROKES],
+    "clip_on": False,
+    "zorder": 2,
+}
 """Oblique strokes, as for walls: to the right of a side as one goes anticlockwise, which is outside."""
 
 
-def domain(axes: Axes, of: Shown, inside: bool = False) -> None:
-    """u_h with its lines of level, a colour bar of the panel's height, sides with numbers, and contact.
+def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) -> None:
+    """Draws u_h with its contour lines, a colour bar, sides with numbers, and contact.
 
-    The colour bar is beside the axes, or takes a part of them if all has to stay `inside`.
+    The colour bar is beside the axes, or takes a part of them if it `is_bar_inside`.
     """
-    field, lines = _shaded(axes, of, of.u, Normalize(*of.limits)), {"linewidths": 0.5, "linestyles": "solid"}
-    if of.varies:
-        axes.tricontour(_surface(of), of.u[of.surface[0]], LEVELS, colors="w", alpha=0.6, **lines)
-    bar = _bar_in_slot(axes, field, "$u_h$") if inside else _bar(axes, field, "$u_h$")
-    bar.set_ticks(ticks() if of.varies else FixedLocator([float(of.u[0])]))
-    _outline(axes, of)
-    axes.set(xlabel="x", ylabel="y", title=of.where)
-    _fitted(axes, of)
+    field = _shade_nodal_values(axes, plot_data, plot_data.u, Normalize(*plot_data.colour_limits))
+    lines = {"linewidths": 0.5, "linestyles": "solid"}
+    if plot_data.has_variation:
+        axes.tricontour(
+            _triangulate_surface(plot_data),
+            plot_data.u[plot_data.surface[0]],
+            MAX_CONTOUR_LEVELS,
+            colors="w",
+            alpha=0.6,
+            **lines,
+        )
+    bar = (
+        _add_colour_bar_below(axes, field, "$u_h$")
+        if is_bar_inside
+        else _add_colour_bar(axes, field, "$u_h$")
+    )
+    bar.set_ticks(choose_ticks() if plot_data.has_variation else FixedLocator([float(plot_data.u[0])]))
+    _draw_outline(axes, plot_data)
+    axes.set(xlabel="x", ylabel="y", title=plot_data.contact_text)
+    _fit_axes(axes, plot_data)
 
 
-def mesh(axes: Axes, of: Shown) -> None:
-    """The triangles, or where they are many their sizes: the mean on a logarithmic scale at each node."""
-    n = len(of.mesh.triangles)
-    if n <= TRIANGLES:
-        whole = Triangulation(of.mesh.points[:, 0], of.mesh.points[:, 1], of.mesh.triangles)
-        axes.triplot(whole, color="k", linewidth=min(0.5, LINE / np.sqrt(n)), rasterized=True)
+def draw_mesh(axes: Axes, plot_data: PlotData) -> None:
+    """Draws the triangles, or where they are many the lengths of their longest edges."""
+    n = len(plot_data.mesh.triangles)
+    if n <= MAX_OUTLINED_TRIANGLES:
+        triangulation = Triangulation(
+            plot_data.mesh.points[:, 0], plot_data.mesh.points[:, 1], plot_data.mesh.triangles
+        )
+        axes.triplot(
+            triangulation, color="k", linewidth=min(0.5, MESH_LINE_POINTS / np.sqrt(n)), rasterized=True
+        )
     else:
-        nodes = of.mesh.triangles.ravel()
-        logs = np.bincount(nodes, np.repeat(np.log(of.mesh.longest_edges), 3)) / np.bincount(nodes)
-        _bar(axes, _shaded(axes, of, np.exp(logs), LogNorm(), "cividis"), "longest edge")
+        # at each node the geometric mean over its triangles
+        nodes = plot_data.mesh.triangles.ravel()
+        logs = np.bincount(nodes, np.repeat(np.log(plot_data.mesh.longest_edges), 3)) / np.bincount(nodes)
+        _add_colour_bar(
+            axes, _shade_nodal_values(axes, plot_data, np.exp(logs), LogNorm(), "cividis"), "longest edge"
+        )
     axes.set(xlabel="x", title=f"the mesh: {n:,} triangles".replace(",", " "))
-    _fitted(axes, of)
+    _fit_axes(axes, plot_data)
 
 
-def _surface(of: Shown) -> Triangulation:
-    nodes, triangles = of.surface
-    return Triangulation(of.mesh.points[nodes, 0], of.mesh.points[nodes, 1], triangles)
+def _triangulate_surface(plot_data: PlotData) -> Triangulation:
+    nodes, triangles = plot_data.surface
+    return Triangulation(plot_data.mesh.points[nodes, 0], plot_data.mesh.points[nodes, 1], triangles)
 
 
-def _shaded(axes: Axes, of: Shown, values: Array, norm: Normalize, colours: str | None = None) -> TriMesh:
+def _shade_nodal_values(
+    axes: Axes, plot_data: PlotData, values: Array, norm: Normalize, colours: str | None = None
+) -> TriMesh:
     """Colours for the values (n,) at the nodes of the mesh."""
     look: Any = {"shading": "gouraud", "norm": norm, "cmap": colours, "rasterized": True}
-    return axes.tripcolor(_surface(of), values[of.surface[0]], **look)
+    return axes.tripcolor(_triangulate_surface(plot_data), values[plot_data.surface[0]], **look)
 
 
-def _bar(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:
+def _add_colour_bar(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:
     """A colour bar of the panel's height."""
     assert axes.figure is not None
     return axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label=label)
 
 
-def _bar_in_slot(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:
+def _add_colour_bar_below(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:
     """A colour bar below the axes, which give up a part of their height to it; nothing is at their sides."""
     assert axes.figure is not None
     return axes.figure.colorbar(field, ax=axes, label=label, location="bottom", fraction=0.06, pad=0.22)
 
 
-def ticks(room: float = 1.0) -> MaxNLocator:
-    """Few ticks at round numbers, the fewer the smaller the room is."""
-    return MaxNLocator(int(np.clip(np.ceil(4 * room), 1, 4)), steps=[1, 2, 2.5, 5, 10])
+def choose_ticks(relative_length: float = 1.0) -> MaxNLocator:
+    """Locator of one to four ticks at round numbers, for an axis of that length."""
+    return MaxNLocator(int(np.clip(np.ceil(4 * relative_length), 1, 4)), steps=[1, 2, 2.5, 5, 10])
 
 
-def _outline(axes: Axes, of: Shown) -> None:
-    """The contact set in red, clamped sides hatched, free ones dashed, others solid, and numbers at sides."""
-    polygon = of.mesh.polygon
-    free = np.setdiff1d(of.contact.partition.side[of.free], of.clamped)
+def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
+    """Draws contact in red, clamped sides hatched, free ones dashed, others solid, with numbers at sides."""
+    polygon = plot_data.mesh.polygon
+    free = np.setdiff1d(plot_data.contact.partition.side[plot_data.no_contact], plot_data.clamped_sides)
     sides = np.stack([polygon.vertices, np.roll(polygon.vertices, -1, axis=0)], axis=1)
-    held = np.delete(np.arange(polygon.n_sides), free)
-    for these, look in ((held, {"colors": "k"}), (free, {"colors": FREE, "linestyles": "dashed"})):
-        axes.add_collection(LineCollection([*sides[these]], linewidths=1.2, zorder=2, **look))
-    for side in of.clamped:
-        axes.plot(*sides[side].T, **CLAMPED, label="clamped" if side == of.clamped[0] else None)
-    if of.clamped:
+    solid = np.delete(np.arange(polygon.n_sides), free)
+    for group, style in ((solid, {"colors": "k"}), (free, {"colors": FREE_COLOUR, "linestyles": "dashed"})):
+        axes.add_collection(LineCollection([*sides[group]], linewidths=1.2, zorder=2, **style))
+    for side in plot_data.clamped_sides:
+        axes.plot(
+            *sides[side].T,
+            **CLAMPED_SIDE_STYLE,
+            label="clamped" if side == plot_data.clamped_sides[0] else None,
+        )
+    if plot_data.clamped_sides:
         axes.legend(
             loc="upper right", bbox_to_anchor=(1.15, 0), fontsize="small", borderaxespad=2, frameon=False
         )
-    lines = [(each.first, each.last) for each in of.contact.intervals]
-    axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=4, capstyle="butt", zorder=3))
-    for side in numbered(of):
-        inside, around = -10 * polygon.normals[side], [withStroke(linewidth=2, foreground="w")]
-        axes.annotate(str(side), sides[side].mean(axis=0), inside, textcoords="offset points", ha="center",
-                      va="center", fontsize="small", zorder=4, path_effects=around)  # fmt: skip
+    lines = [(interval.first, interval.last) for interval in plot_data.contact.intervals]
+    axes.add_collection(LineCollection(lines, colors=CONTACT_COLOUR, linewidths=4, capstyle="butt", zorder=3))
+    for side in select_numbered_sides(plot_data):
+        offset = -10 * polygon.normals[side]
+        halo = [withStroke(linewidth=2, foreground="w")]
+        axes.annotate(str(side), sides[side].mean(axis=0), offset, textcoords="offset points", ha="center",
+                      va="center", fontsize="small", zorder=4, path_effects=halo)  # fmt: skip
 
 
-def _fitted(axes: Axes, of: Shown) -> None:
+def _fit_axes(axes: Axes, plot_data: PlotData) -> None:
     """Fits axes to the domain, with room around it for lines of contact; contour lines would leave none."""
-    width, height = np.ptp(of.mesh.points, axis=0)
-    to_scale = 1 / LONG <= height / width <= LONG
+    width, height = np.ptp(plot_data.mesh.points, axis=0)
+    to_scale = 1 / MAX_SCALED_ASPECT <= height / width <= MAX_SCALED_ASPECT
     axes.use_sticky_edges = False
     axes.set_aspect("equal" if to_scale else "auto")
-    axes.margins(MARGIN)
+    axes.margins(DOMAIN_MARGIN)
     if not to_scale:
         axes.set_title(f"{axes.get_title()}; not to scale")
-    for axis, room in ((axes.xaxis, width / height), (axes.yaxis, height / width)):
-        axis.set_major_locator(ticks(room if to_scale else 1.0))
+    for axis, relative_length in ((axes.xaxis, width / height), (axes.yaxis, height / width)):
+        axis.set_major_locator(choose_ticks(relative_length if to_scale else 1.0))

@@ -9,41 +9,52 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from unilateral.adaptive.level import Level
-from unilateral.formulas.exact_numbers import rounded
+from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ZERO
 from unilateral.norms.dual import Errors
 from unilateral.problems.fields import linear_fields
-from unilateral.solution.bounds import Bounds, energy
+from unilateral.solution.bounds import Bounds, name_energy_norm
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
     from unilateral.solution.solution import Solution
 
-L2 = "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)"
-QUICK = 20_000
+L2_NORM_FORMULA = "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)"
+MAX_NODES_FOR_BETA = 20_000
 """Up to this many nodes the bound on beta takes less than half a second, and the record has it."""
 
 
-def norms(problem: Problem) -> dict[str, str]:
-    """The norms of errors, bounds and accuracies, by the names that fields have."""
-    of_v = energy(problem, "v")
-    whole = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.c != ZERO else "k^(1/2) ||grad v||_0"
+def describe_norms(problem: Problem) -> dict[str, str]:
+    """Formulas of the norms of errors, bounds and accuracies, by the names that fields have."""
+    v_norm = name_energy_norm(problem, "v")
+    energy_formula = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.c != ZERO else "k^(1/2) ||grad v||_0"
     vanishing = " over v that vanish on clamped sides" if problem.clamped_sides else ""
-    return {"h1": f"{of_v} = {whole}", "hm12": f"||mu||_-1/2 = sup <mu, v> / {of_v}{vanishing}", "l2": L2}
+    return {
+        "h1": f"{v_norm} = {energy_formula}",
+        "hm12": f"||mu||_-1/2 = sup <mu, v> / {v_norm}{vanishing}",
+        "l2": L2_NORM_FORMULA,
+    }
 
 
-def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
+def make_solution_record(
+    solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool
+) -> dict[str, Any]:
     """The fields of `solve --json`, but for forces and cost; NaN for what is unknown.
 
     `bounds` are the `sharp` ones or the cheap ones.
     """
-    solved, search = solution.solved, solution.search
-    result, goal = solved.result, search.best.goal if search else None
-    mesh, cells, contact = solved.mesh, solved.partition, solution.contact
+    solved = solution.solved
+    search = solution.search
+    result = solved.result
+    goal = search.best.goal if search else None
+    mesh = solved.mesh
+    partition = solved.partition
+    contact = solution.contact
     norm = goal.norm if goal else "h1"
-    known = bounds or Bounds(*(math.nan,) * 3)
-    beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
-    algebraic = math.nan if solved.foreign else result.bound
+    bounds_or_nan = bounds or Bounds(*(math.nan,) * 3)
+    beta = solution.beta if mesh.n_nodes <= MAX_NODES_FOR_BETA else math.nan
+    # ||lambda_H - its exact value||_-1/2,h, by Proposition 7; by (3.4) over beta it is one in H^(-1/2)
+    algebraic = math.nan if solved.is_foreign else result.bound
     return {
         "problem": solution.problem.name,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
@@ -51,20 +62,20 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "certified": solution.certified,
         "ended": search.ended or None if search and not search.certified else None,
         "reach": search.reach if search else None,
-        "k": rounded(solution.problem.k),
-        "c": rounded(solution.problem.c),
-        "norms": norms(solution.problem),
+        "k": as_float(solution.problem.k),
+        "c": as_float(solution.problem.c),
+        "norms": describe_norms(solution.problem),
         "linear_between_nodes": linear_fields(solution.problem),
         "h": mesh.h,
         "diameter": mesh.diameter,
-        "H": cells.H,
-        "adapted": mesh.adapted,
+        "H": partition.H,
+        "adapted": mesh.is_adapted,
         "triangles": len(mesh.triangles),
         "unknowns": mesh.n_nodes,
         "multipliers": len(solved.cells),
         "algorithm": result.algorithm,
         "iterations": solution.iterations,
-        "foreign": solved.foreign,
+        "foreign": solved.is_foreign,
         "converged": solution.converged,
         "algebraic_bound": algebraic,
         "beta": beta,
@@ -75,25 +86,25 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
         "bounds": ("sharp" if sharp else "cheap") if bounds else None,
-        "h1_bound": known.u,
-        "hm12_bound": known.multiplier,
-        "h1_relative_bound": known.relative_u,
-        "hm12_relative_bound": known.relative_multiplier,
-        "enclosure": known.unknown,
-        "total_bound": known.multiplier if norm == "hm12" else known.u,
-        "levels": [level_record(level) for level in search.levels] if search else [],
+        "h1_bound": bounds_or_nan.u,
+        "hm12_bound": bounds_or_nan.multiplier,
+        "h1_relative_bound": bounds_or_nan.relative_u,
+        "hm12_relative_bound": bounds_or_nan.relative_multiplier,
+        "enclosure": bounds_or_nan.unknown,
+        "total_bound": bounds_or_nan.multiplier if norm == "hm12" else bounds_or_nan.u,
+        "levels": [make_level_record(level) for level in search.levels] if search else [],
         "contact": {
             "full": contact.full,
             "length": contact.length,
             "lengths": contact.lengths.tolist(),
-            "intervals": [each._asdict() for each in contact.intervals],
+            "intervals": [interval._asdict() for interval in contact.intervals],
         },
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
     }
 
 
-def level_record(level: Level) -> dict[str, float]:
+def make_level_record(level: Level) -> dict[str, float]:
     """The fields of a level."""
     return {
         "h": level.solved.mesh.h,

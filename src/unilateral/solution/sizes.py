@@ -6,91 +6,100 @@ import math
 
 import numpy as np
 
-from unilateral.arrays import floats
-from unilateral.discrete.choice import check_size, levels_for
-from unilateral.errors import InputError, shown
-from unilateral.formulas.formula import real
+from unilateral.arrays import read_floats
+from unilateral.discrete.choice import check_mesh_memory, choose_halvings
+from unilateral.errors import InputError, quote_input
+from unilateral.formulas.formula import parse_real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.partition import Partition, make_uniform_partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind, structured
+from unilateral.geometry.structured import default_mesh_kind, make_structured_mesh
 from unilateral.problems.build import put_on_mesh
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
 Size = float | str
 """A number, or one that is written as a fraction, such as "1/64"."""
-KINDS = {"structured": structured, "unstructured": meshes.unstructured}
+MESH_KINDS = {"structured": make_structured_mesh, "unstructured": meshes.make_unstructured_mesh}
 """The kinds of meshes that are made for a polygon and a size h."""
 
 
-def number(name: str, given: Size | None) -> float | None:
-    """A number that may be a text, such as "1/64"."""
-    if isinstance(given, str):
-        return real(given, name)
+def read_optional_number(name: str, value: Size | None) -> float | None:
+    """The number, which may be a text such as "1/64", or None. Raises InputError for anything else."""
+    if isinstance(value, str):
+        return parse_real(value, name)
     try:
-        if isinstance(given, bool):
+        if isinstance(value, bool):
             raise TypeError
-        if given is None:
+        if value is None:
             return None
-        # A number of NumPy may be masked; an array of several is no number
-        return float(floats(given, name)[()]) if hasattr(given, "__array__") else float(given)
+        # a number of NumPy may be masked; an array of several is no number
+        return float(read_floats(value, name)[()]) if hasattr(value, "__array__") else float(value)
     except (TypeError, ValueError, OverflowError):
         raise InputError(
-            f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"
+            f"{name} is {quote_input(repr(value))}; it has to be a number, or a text such as '1/64'"
         ) from None
 
 
-def check_kind(mesh: Mesh | str) -> None:
-    """Raises InputError for what is neither a mesh nor one of KINDS."""
-    if not isinstance(mesh, Mesh) and not (isinstance(mesh, str) and mesh in ("", *KINDS)):
+def check_mesh_kind(mesh_or_kind: Mesh | str) -> None:
+    """Raises InputError for what is neither a mesh nor one of MESH_KINDS."""
+    if not isinstance(mesh_or_kind, Mesh) and not (
+        isinstance(mesh_or_kind, str) and mesh_or_kind in ("", *MESH_KINDS)
+    ):
         raise InputError(
-            f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as "
-            "ul.mesh(path)"
+            f"the mesh is {quote_input(repr(mesh_or_kind))}; it has to be {' or '.join(MESH_KINDS)}, or a "
+            "mesh such as ul.mesh(path)"
         )
 
 
-def put_on_sizes(
-    problem: Problem, h: float | None, H: float | None, kind: Mesh | str, stop: Stop
+def mesh_problem(
+    problem: Problem, h: float | None, H: float | None, mesh_or_kind: Mesh | str, stop: Stop
 ) -> tuple[Problem, Mesh, Partition]:
     """The mesh and the partition of sizes h and H at most, and the problem put on that mesh.
 
-    The `kind` may be a mesh of one's own. Raises InputError where a size is missing, or one too many, and as
-    `put_on_mesh`.
+    The `mesh_or_kind` may be a mesh of one's own. Raises InputError where a size is missing, or one too many,
+    and as `put_on_mesh`.
     """
-    own = problem.mesh
-    if own is not None and kind not in ("", own):
+    problem_mesh = problem.mesh
+    if problem_mesh is not None and mesh_or_kind not in ("", problem_mesh):
         raise InputError(f"'{problem.name}' was made of a mesh and is solved on it; leave mesh out")
-    mesh, partition = sized(problem.polygon, h, H, kind if own is None else own, stop)
+    mesh, partition = make_mesh_and_partition(
+        problem.polygon, h, H, mesh_or_kind if problem_mesh is None else problem_mesh, stop
+    )
     return put_on_mesh(problem, mesh), mesh, partition
 
 
-def sized(
-    polygon: Polygon, h: float | None, H: float | None, kind: Mesh | str, stop: Stop
+def make_mesh_and_partition(
+    polygon: Polygon, h: float | None, H: float | None, mesh_or_kind: Mesh | str, stop: Stop
 ) -> tuple[Mesh, Partition]:
     """The mesh and the partition of sizes h and H at most. Raises InputError where one of them is missing."""
-    if isinstance(kind, Mesh) and H is None:
+    if isinstance(mesh_or_kind, Mesh) and H is None:
         raise InputError("a mesh of one's own needs H, the longest cell of the multiplier")
-    wanted_H = _checked("H", H)
-    if isinstance(kind, Mesh):
+    max_H = _require_positive_size("H", H)
+    if isinstance(mesh_or_kind, Mesh):
         if h is not None:
             raise InputError("the mesh is given; leave h out")
-        same = np.array_equal(kind.polygon.vertices, polygon.vertices)
-        mesh = kind if same else meshes.from_arrays(polygon, kind.points, kind.triangles)
-        return mesh, uniform(polygon, wanted_H)
-    wanted_h = _checked("h", h)
-    check_size(polygon, wanted_h)
-    kind = kind or natural_kind(polygon)
-    edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
-    halvings = levels_for(polygon, wanted_H, edges, stop) if kind == "unstructured" and edges > 1 else 0
-    if halvings:
-        return meshes.following(uniform(polygon, 2**halvings * wanted_H), edges, halvings)
-    return KINDS[kind](polygon, wanted_h), uniform(polygon, wanted_H)
+        mesh = mesh_or_kind
+        if not np.array_equal(mesh.polygon.vertices, polygon.vertices):
+            mesh = meshes.from_arrays(polygon, mesh.points, mesh.triangles)
+        return mesh, make_uniform_partition(polygon, max_H)
+    max_h = _require_positive_size("h", h)
+    check_mesh_memory(polygon, max_h)
+    mesh_kind = mesh_or_kind or default_mesh_kind(polygon)
+    # edges in each cell: H/h, rounded up unless rounding alone has made it larger than a whole number
+    edges = math.ceil(max_H / max_h * (1 - 1e-12))
+    halvings = (
+        choose_halvings(polygon, max_H, edges, stop) if mesh_kind == "unstructured" and edges > 1 else 0
+    )
+    if halvings:  # large meshes are refined from coarse ones, so that multigrid has levels
+        coarse_partition = make_uniform_partition(polygon, 2**halvings * max_H)
+        return meshes.triangulate_from_cells(coarse_partition, edges, halvings)
+    return MESH_KINDS[mesh_kind](polygon, max_h), make_uniform_partition(polygon, max_H)
 
 
-def _checked(name: str, size: float | None) -> float:
-    """A size that is given and positive."""
+def _require_positive_size(name: str, size: float | None) -> float:
+    """The size, if it is given and positive. Raises InputError if not."""
     if size is None:
         raise InputError(
             f"h and H are needed, and {name} is missing; for formulas ul.solve takes an accuracy in their "

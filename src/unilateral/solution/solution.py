@@ -14,20 +14,20 @@ from numpy.typing import ArrayLike
 
 from unilateral.adaptive.loop import Search
 from unilateral.arrays import Array
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.forces import Force
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.norms.dual import Errors, errors
-from unilateral.norms.fortin import beta_below
+from unilateral.norms.dual import Errors, true_errors
+from unilateral.norms.fortin import beta_lower_bound
 from unilateral.problems import arguments
 from unilateral.solution import evaluation, files, summary, tables
-from unilateral.solution.bounds import Bounds, bound_errors, share_errors, wants_sharp
+from unilateral.solution.bounds import Bounds, bound_errors, compute_error_shares, uses_sharp_bounds
 from unilateral.solution.contact import Contact
-from unilateral.solution.forces import Forces, force_over, forces_on_sides
-from unilateral.solution.record import record
+from unilateral.solution.forces import Forces, compute_force, compute_forces
+from unilateral.solution.record import make_solution_record
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) as plain data; it can be copied and pickled.
+    """The discrete solution (u_h, lambda_H) as plain data; it can be copied and pickled.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ class Solution:
 
     def __repr__(self) -> str:
         """A few lines; what takes long is left out, see `summary`."""
-        return summary.text(self)
+        return summary.render_summary_text(self)
 
     def _repr_html_(self) -> str:
-        """The same as a table, with the picture."""
-        return summary.html(self)
+        """Summary of the solution as a table of HTML, with the picture."""
+        return summary.render_summary_html(self)
 
     @property
     def polygon(self) -> Polygon:
@@ -92,12 +92,12 @@ class Solution:
 
     @property
     def u(self) -> Array:
-        """(n,) u_h at the nodes of the mesh."""
+        """Values (n,) of u_h at the nodes of the mesh."""
         return self.solved.u_h
 
     @cached_property
     def multiplier(self) -> Array:
-        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition.
+        """Values (m,) of lambda_H, which approximates k du/dn, on the cells of the partition.
 
         It is 0 on free sides. It is NaN on clamped sides, on which there are no multipliers: their reactions
         are in `forces`.
@@ -107,7 +107,7 @@ class Solution:
 
     @property
     def gap(self) -> Array:
-        """(m,) the means of u_h - g on the cells; NaN on free and on clamped sides."""
+        """Means (m,) of u_h - g on the cells, NaN on free and on clamped sides."""
         return self.solved.gap
 
     @property
@@ -149,7 +149,9 @@ class Solution:
         >>> bool(s.u_at(s.mesh.points[7]) == s.u[7]), s.u_at([(1 / 3, 0), (2, 2)]).shape
         (True, (2,))
         """
-        return evaluation.at_points(self.mesh, points, partial(evaluation.value, self.mesh, self.u))
+        return evaluation.evaluate_at_points(
+            self.mesh, points, partial(evaluation.evaluate_u_h, self.mesh, self.u)
+        )
 
     def grad_at(self, points: ArrayLike) -> Array:
         """grad u_h at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside the polygon.
@@ -162,8 +164,8 @@ class Solution:
         >>> s.grad_at((0.3, 0.2)).shape, s.grad_at([(0.3, 0.2), (1, 1)]).shape
         ((2,), (2, 2))
         """
-        return evaluation.at_points(
-            self.mesh, points, lambda triangles, _: evaluation.gradient(self.mesh, self.u, triangles)
+        return evaluation.evaluate_at_points(
+            self.mesh, points, lambda triangles, _: evaluation.evaluate_gradient(self.mesh, self.u, triangles)
         )
 
     def flux_at(self, points: ArrayLike) -> Array:
@@ -189,8 +191,8 @@ class Solution:
         """
         bounded = self.bounded
         assert bounded.flux is not None  # the data of a user's problem are known
-        flux = partial(evaluation.flux, bounded.mesh, bounded.u_h, bounded.flux)
-        return evaluation.at_points(self.mesh, points, flux)
+        flux = partial(evaluation.evaluate_flux, bounded.mesh, bounded.u_h, bounded.flux)
+        return evaluation.evaluate_at_points(self.mesh, points, flux)
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
         """lambda_H at the arc lengths t from the start of a side, in the shape of t.
@@ -203,7 +205,7 @@ class Solution:
         >>> s.lambda_at(1, [0.3, 1.1]).round(2)
         array([3.68,  nan])
         """
-        return evaluation.on_side(self.partition, self.multiplier, side, t)
+        return evaluation.evaluate_on_side(self.partition, self.multiplier, side, t)
 
     @property
     def iterations(self) -> float:
@@ -226,7 +228,7 @@ class Solution:
         solved = self.solved
         if not len(solved.cells):
             return math.nan
-        return beta_below(solved.mesh, solved.partition, solved.form)
+        return beta_lower_bound(solved.mesh, solved.partition, solved.form)
 
     @property
     def certified(self) -> bool:
@@ -249,7 +251,7 @@ class Solution:
             return None
         judged = self.solved.unique and len(self.solved.cells) > 0
         lambda_H = np.nan_to_num(self.multiplier)
-        return errors(exact, self.mesh, self.u, self.partition, lambda_H, judged, dual)
+        return true_errors(exact, self.mesh, self.u, self.partition, lambda_H, judged, dual)
 
     @property
     def bounds(self) -> Bounds | None:
@@ -267,14 +269,14 @@ class Solution:
 
     @property
     def error_shares(self) -> Array | None:
-        """(k,) each triangle's part of the squares in `bounds.u`; their sum is 1. None without bounds.
+        """Shares (k,) of the triangles in the square of `bounds.u`; None without bounds.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
         >>> round(float(s.error_shares.sum()), 9)
         1.0
         """
-        return share_errors(self)
+        return compute_error_shares(self)
 
     @property
     def sharp_bounds(self) -> Bounds | None:
@@ -297,34 +299,34 @@ class Solution:
         bounds: see `force`. If c = 0, the `total` of all forces and reactions is known up to the enclosures
         of f and q.
         """
-        return forces_on_sides(self, sharp)
+        return compute_forces(self, sharp)
 
     def force(self, sharp: bool = False, sides: Sequence[int] | None = None) -> Force:
         """The force over all sides with contact, see `forces`, or over some sides, with their reactions.
 
         Raises InputError for a part of clamped sides in a row.
         """
-        return force_over(self, sharp, sides)
+        return compute_force(self, sharp, sides)
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
         require("tables of cells need", "pandas")
         import pandas as pd
 
-        return pd.DataFrame(tables.cell_columns(self))
+        return pd.DataFrame(tables.solution_cell_columns(self))
 
     def certificate(self) -> dict[str, Any]:
-        """What is known of the solution: the fields of docs/command-line.md.
+        """Record of the solution for programs, with the fields of docs/command-line.md.
 
         The bounds are the sharp ones if an accuracy was asked for by them. For a case the true errors are
         included, except the one in H^{-1/2}.
         """
-        sharp = wants_sharp(self)
-        return record(self, bound_errors(self, sharp), self.true_errors(dual=False), sharp)
+        sharp = uses_sharp_bounds(self)
+        return make_solution_record(self, bound_errors(self, sharp), self.true_errors(dual=False), sharp)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
-        return tables.dataset(self)
+        return tables.make_dataset(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
@@ -334,7 +336,7 @@ class Solution:
         each, NaN on clamped sides, and the triangles their `error_shares`, if there are bounds. Raises
         InputError for another ending.
         """
-        files.save(self, path)
+        files.save_solution(self, path)
 
     def save_certificate(self, path: str | os.PathLike[str]) -> None:
         """Writes a file from which `certificate/check.py` proves the cheap bound, without this package.
@@ -367,7 +369,11 @@ class Solution:
         Raises InputError if they are no plane axes of matplotlib.
         """
         require("pictures need", "matplotlib")
-        from unilateral.solution.plot import figure, on_axes
-        from unilateral.solution.shown import shown
+        from unilateral.solution.plot import draw_on_axes, draw_solution
+        from unilateral.solution.plot_data import collect_plot_data
 
-        return figure(shown(self)) if ax is None else on_axes(ax, shown(self))
+        return (
+            draw_solution(collect_plot_data(self))
+            if ax is None
+            else draw_on_axes(ax, collect_plot_data(self))
+        )

@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike
 from unilateral.bounds.source import Source
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.choice import choose_spaces, condensed_spaces, discretise_on_spaces
-from unilateral.errors import InputError, IterationWarning, shown
+from unilateral.errors import InputError, IterationWarning, quote_input
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.formulas.expression import Expression
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.build import OnSides, problem_of_arguments, with_data
+from unilateral.problems.build import GivenOnSides, make_problem, replace_data
 from unilateral.problems.named import find_problem
 from unilateral.problems.problem import Problem
 from unilateral.problems.reading import Given
-from unilateral.solution.faults import tell_faults
-from unilateral.solution.matrices import Matrices, matrices
-from unilateral.solution.sizes import Size, check_kind, number, put_on_sizes
+from unilateral.solution.matrices import Matrices, assemble_matrices
+from unilateral.solution.shortfalls import warn_of_shortfalls
+from unilateral.solution.sizes import Size, check_mesh_kind, mesh_problem, read_optional_number
 from unilateral.solution.solution import Solution
 from unilateral.solvers.stop import Stop
 
@@ -58,46 +58,47 @@ class Solver:
         free_sides: Sequence[int] = (),
         k: str | float = 1,
         c: str | float = 1,
-        q: OnSides = None,
+        q: GivenOnSides = None,
         u: Mapping[int, Given] | None = None,
     ) -> None:
-        check_kind(mesh)
+        check_mesh_kind(mesh)
         check_stop(stop)
         self.stop = stop or Stop()
-        known = find_problem(problem)
-        if known is None:
-            known = problem_of_arguments(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
+        base_problem = find_problem(problem)
+        if base_problem is None:
+            base_problem = make_problem(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
             self.has_data = False
         elif any(
-            hasattr(given, "__array__") or given not in (default, None, [], {})
-            for given, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
+            hasattr(value, "__array__") or value not in (default, None, [], {})
+            for value, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
         ):
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.has_data = True
-        self.own_mesh = isinstance(mesh, Mesh) or known.mesh is not None
-        self.problem, self.mesh, self.partition = put_on_sizes(
-            known, number("h", h), number("H", H), mesh, self.stop
+        self.own_mesh = isinstance(mesh, Mesh) or base_problem.mesh is not None
+        self.problem, self.mesh, self.partition = mesh_problem(
+            base_problem, read_optional_number("h", h), read_optional_number("H", H), mesh, self.stop
         )
         self._spaces = choose_spaces(self.problem, self.mesh, self.partition, self.stop)
-        self._sources: dict[Expression, Source] = {}
+        self._source_enclosures: dict[Expression, Source] = {}
 
-    def __call__(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
+    def __call__(self, f: Given = None, g: GivenOnSides = None, q: GivenOnSides = None) -> Solution:
         """The solution for another f, g or q; what is not given is that of the problem.
 
         They are given as in `Problem`; arrays (n,) have a value for each of `mesh.points`. Raises InputError
         as `Problem`. Warns as `solve`.
         """
-        problem, discrete = self._discrete(f, g, q)
-        with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
-            solution = Solution(problem, discrete.solved(self.stop))
-        tell_faults(solution, self.own_mesh)
+        problem, discrete = self._discretise(f, g, q)
+        # `warn_of_shortfalls` says the same in terms of the solution
+        with warnings.catch_warnings(action="ignore", category=IterationWarning):
+            solution = Solution(problem, discrete.solve(self.stop))
+        warn_of_shortfalls(solution, self.own_mesh)
         return solution
 
-    def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
+    def matrices(self, f: Given = None, g: GivenOnSides = None, q: GivenOnSides = None) -> Matrices:
         """The discrete problem's matrices, load and means of g."""
-        discrete = self._discrete(f, g, q)[1]
-        return matrices(discrete, lambda: self._operator)
+        discrete = self._discretise(f, g, q)[1]
+        return assemble_matrices(discrete, lambda: self._operator)
 
     def __repr__(self) -> str:
         return (
@@ -105,46 +106,51 @@ class Solver:
             f"h = {self.mesh.h:.4g}, H = {self.partition.H:.4g}"
         )
 
-    def _discrete(self, f: Given, g: OnSides, q: OnSides) -> tuple[Problem, DiscreteProblem]:
-        """The problem with that f, g and q, and the discrete one.
-
-        The enclosures of the problem's own f and of the last formula are kept for calls with the same one.
-        """
-        problem = self._with(f, g, q)
+    def _discretise(self, f: Given, g: GivenOnSides, q: GivenOnSides) -> tuple[Problem, DiscreteProblem]:
+        """The problem with that f, g and q, and the discrete one."""
+        # the enclosures of the problem's own f and of the last formula are kept for calls with the same one
+        problem = self._replace_data(f, g, q)
         formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
-        known = None if formula is None else self._sources.get(formula)
-        discrete = discretise_on_spaces(problem, self._spaces, known)
+        source = None if formula is None else self._source_enclosures.get(formula)
+        discrete = discretise_on_spaces(problem, self._spaces, source)
         if formula is not None and discrete.data:
-            self._sources = {each: kept for each, kept in self._sources.items() if each == self.problem.f}
-            self._sources[formula] = discrete.data.source
+            self._source_enclosures = {
+                expression: enclosure
+                for expression, enclosure in self._source_enclosures.items()
+                if expression == self.problem.f
+            }
+            self._source_enclosures[formula] = discrete.data.source
         return problem, discrete
 
-    def _with(self, f: Given, g: OnSides, q: OnSides) -> Problem:
-        of = self.problem
-        missing = [name for name, given in (("f", f), ("g", g)) if given is None]
+    def _replace_data(self, f: Given, g: GivenOnSides, q: GivenOnSides) -> Problem:
+        """The problem with the f, g and q that are given. Raises InputError where one of them is missing."""
+        problem = self.problem
+        missing = [name for name, value in (("f", f), ("g", g)) if value is None]
         if missing and not self.has_data:
             raise InputError(
                 f"{missing[0]} is missing; a solver that was made of a polygon or a mesh needs f and g in "
                 "each call"
             )
         if len(missing) == 2 and q is None:
-            return of
-        if of.exact and missing:
+            return problem
+        if problem.exact and missing:
             raise InputError(
-                f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
+                f"'{problem.name}' is a case, whose f and g belong to its solution; give both f and g"
             )
-        return with_data(of, self.mesh, f, g, q)
+        return replace_data(problem, self.mesh, f, g, q)
 
     @cached_property
     def _operator(self) -> DualOperator:
         """The dual operator of the condensed problem. Raises InputError where memory does not suffice."""
-        of = self._spaces
-        if not isinstance(of, MixedSpaces):
-            of = condensed_spaces(of.mesh, of.partition, of.levels.form)
-        return of.operator
+        spaces = self._spaces
+        if not isinstance(spaces, MixedSpaces):
+            spaces = condensed_spaces(spaces.mesh, spaces.partition, spaces.hierarchy.form)
+        return spaces.operator
 
 
 def check_stop(stop: Stop | None) -> None:
     """Raises InputError for what is no `Stop`."""
     if not isinstance(stop, Stop | None):
-        raise InputError(f"stop is {shown(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)")
+        raise InputError(
+            f"stop is {quote_input(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)"
+        )

@@ -1,7 +1,7 @@
 """What a solution shows of itself where Python or a notebook prints it: a few lines, and a picture.
 
-Nothing is begun that takes long. On meshes of more than QUICK nodes a bound is shown only if it is known
-already, and there is no picture.
+Nothing is begun that takes long: on meshes of more than MAX_NODES_FOR_SUMMARY nodes a bound is shown only if
+it is known already, and there is no picture.
 """
 
 from __future__ import annotations
@@ -12,95 +12,112 @@ from html import escape
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from unilateral.errors import counted
-from unilateral.formulas.decimals import guaranteed, interval, percent
+from unilateral.errors import pluralise
+from unilateral.formulas.decimals import add_guarantee, format_interval, format_percent
 from unilateral.formulas.expression import ZERO
-from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
-from unilateral.solution.bounds import are_computed, sizes, too_large, wants_sharp
+from unilateral.problems.fields import NODAL_VALUES_TEXT, linear_fields
+from unilateral.solution.bounds import (
+    explain_memory_shortage,
+    has_computed_bounds,
+    name_solution_norms,
+    uses_sharp_bounds,
+)
 
 if TYPE_CHECKING:
     from unilateral.solution.bounds import Bounds
     from unilateral.solution.solution import Solution
 
-LINEAR = "no side carries contact, so the problem is linear and has no multipliers"
-QUICK = 100_000
+LINEAR_PROBLEM_NOTE = "no side carries contact, so the problem is linear and has no multipliers"
+MAX_NODES_FOR_SUMMARY = 100_000
 """Up to this many nodes a cheap bound takes less than a second, and a picture about two."""
 
 
-def text(of: Solution) -> str:
-    """The title, and a line for each of the `rows`."""
-    return "\n".join([_title(of), *(f"  {name:16} {value}" for name, value in rows(of).items())])
+def render_summary_text(solution: Solution) -> str:
+    """The title, and a line for each row of the summary."""
+    lines = [f"  {name:16} {value}" for name, value in collect_summary_rows(solution).items()]
+    return "\n".join([_summary_title(solution), *lines])
 
 
-def html(of: Solution) -> str:
-    """The title, the `rows` as a table, and the picture if matplotlib is there."""
-    lines = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows(of).items())
+def render_summary_html(solution: Solution) -> str:
+    """The title, the summary as a table, and the picture if matplotlib is there."""
+    table_rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>"
+        for name, value in collect_summary_rows(solution).items()
+    )
     picture = "<p>The picture is drawn by plot().</p>"
-    if of.mesh.n_nodes <= QUICK and find_spec("matplotlib"):
-        picture = _picture(of)
-    return f"<div><p><strong>{escape(_title(of))}</strong></p><table>{lines}</table>{picture}</div>"
+    if solution.mesh.n_nodes <= MAX_NODES_FOR_SUMMARY and find_spec("matplotlib"):
+        picture = _embed_picture(solution)
+    title = f"<p><strong>{escape(_summary_title(solution))}</strong></p>"
+    return f"<div>{title}<table>{table_rows}</table>{picture}</div>"
 
 
-def rows(of: Solution) -> dict[str, str]:
-    """What is known of the solution, by names."""
-    sharp = wants_sharp(of)
-    cells, solved = of.solved.cells, of.solved
-    found = {"polygon": f"{of.polygon.n_sides} sides"}
-    if linear := linear_fields(of.problem):
-        found[", ".join(linear)] = LINEAR_BETWEEN_NODES
-    found["unknowns"] = f"{of.mesh.n_nodes}, and {counted(len(cells), 'multiplier')}"
-    if solved.foreign:
-        found["u"] = "of another program"
-    if not are_computed(of, sharp) and (of.mesh.n_nodes > QUICK or too_large(of, sharp)):
-        found["error of u"] = "not bounded yet: see bounds"
+def collect_summary_rows(solution: Solution) -> dict[str, str]:
+    """Rows of the summary of a solution: texts by their names."""
+    sharp = uses_sharp_bounds(solution)
+    cells = solution.solved.cells
+    solved = solution.solved
+    rows = {"polygon": f"{solution.polygon.n_sides} sides"}
+    if linear := linear_fields(solution.problem):
+        rows[", ".join(linear)] = NODAL_VALUES_TEXT
+    rows["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
+    if solved.is_foreign:
+        rows["u"] = "of another program"
+    if not has_computed_bounds(solution, sharp) and (
+        solution.mesh.n_nodes > MAX_NODES_FOR_SUMMARY or explain_memory_shortage(solution, sharp)
+    ):
+        rows["error of u"] = "not bounded yet: see bounds"
     else:
-        found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)
-    held, around = of.contact, f"of {of.polygon.perimeter:.4g}"
-    found["contact"] = "the whole boundary, " * held.full + f"length {held.length:.4g} {around}"
+        rows |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
+    contact = solution.contact
+    perimeter = solution.polygon.perimeter
+    lengths = f"length {contact.length:.4g} of {perimeter:.4g}"
+    rows["contact"] = "the whole boundary, " * contact.full + lengths
     if not len(cells):
-        found["contact"] = LINEAR
-    if not of.converged:
-        found["not converged"] = (
-            f"the algebraic error is {interval(-math.inf, solved.result.bound, spec='.2g')}"
+        rows["contact"] = LINEAR_PROBLEM_NOTE
+    if not solution.converged:
+        rows["not converged"] = (
+            f"the algebraic error is {format_interval(-math.inf, solved.result.bound, spec='.2g')}"
         )
-    if not of.unique:
-        found["lambda_H"] = "may not be unique"
-    return found
+    if not solution.unique:
+        rows["lambda_H"] = "may not be unique"
+    return rows
 
 
-def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
+def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
     """The rows of guaranteed errors and of the force, and of its sum with all reactions, known if c = 0."""
     if bounds is None:
         return {
             "error of u": "unknown, for there is no bound",
-            "force": f"{of.solved.force:.4g}",
+            "force": f"{solution.solved.force:.4g}",
         }
-    names = sizes(of.problem)
-    parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
-    if len(of.solved.cells):
-        parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
+    names = name_solution_norms(solution.problem)
+    errors = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
+    if len(solution.solved.cells):
+        errors["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
     rows = {}
-    for name, (bound, part, norm) in parts.items():
-        share = f", {percent(part)} of {norm}" if part < 1 else ""
-        rows[name] = guaranteed(f"{interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound)
-    if len(parts) == 1:
+    for name, (bound, relative, norm) in errors.items():
+        share = f", {format_percent(relative)} of {norm}" if relative < 1 else ""
+        rows[name] = add_guarantee(
+            f"{format_interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound
+        )
+    if len(errors) == 1:
         return rows
-    forces = {"force": of.force(sharp)}
-    if of.problem.c == ZERO:
-        forces["with reactions"] = of.force(sharp, range(of.polygon.n_sides))
+    forces = {"force": solution.force(sharp)}
+    if solution.problem.c == ZERO:
+        forces["with reactions"] = solution.force(sharp, range(solution.polygon.n_sides))
     for name, (value, lower, upper) in forces.items():
-        rows[name] = guaranteed(interval(lower, upper, value), lower, upper)
+        rows[name] = add_guarantee(format_interval(lower, upper, value), lower, upper)
     return rows
 
 
-def _title(of: Solution) -> str:
-    title = of.problem.title
-    return f"Solution of '{of.problem.name}'" + (f": {title}" if title else "")
+def _summary_title(solution: Solution) -> str:
+    title = solution.problem.title
+    return f"Solution of '{solution.problem.name}'" + (f": {title}" if title else "")
 
 
-def _picture(of: Solution) -> str:
-    from unilateral.solution.plot import svg
+def _embed_picture(solution: Solution) -> str:
+    from unilateral.solution.plot import render_svg
 
-    drawn = base64.b64encode(svg(of.plot()).encode()).decode("ascii")
-    shows = f"u_h, the contact set, lambda_H and the gap of '{of.problem.name}'"
-    return f'<img alt="{escape(shows)}" style="max-width: 100%" src="data:image/svg+xml;base64,{drawn}">'
+    picture = base64.b64encode(render_svg(solution.plot()).encode()).decode("ascii")
+    alt_text = f"u_h, the contact set, lambda_H and the gap of '{solution.problem.name}'"
+    return f'<img alt="{escape(alt_text)}" style="max-width: 100%" src="data:image/svg+xml;base64,{picture}">'

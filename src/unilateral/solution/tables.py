@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from unilateral.solution.solution import Solution
 
-Columns = Mapping[str, Array | Index]
+TableColumns = Mapping[str, Array | Index]
 LONG_NAMES = {
     "u": "u_h at the nodes",
     "x": "x of the nodes",
@@ -37,9 +37,10 @@ LONG_NAMES = {
 }
 
 
-def of_cells(partition: Partition, **values: Array) -> Columns:
+def make_cell_columns(partition: Partition, **values: Array) -> TableColumns:
     """Columns (m,) of the cells: side, the arc lengths and places of both ends, and the `values` on them."""
-    s, (start, end) = partition.points, partition.ends
+    s = partition.points
+    (start, end) = partition.ends
     return {
         "side": partition.side,
         "start": s[:-1],
@@ -52,44 +53,46 @@ def of_cells(partition: Partition, **values: Array) -> Columns:
     }
 
 
-def write_csv(columns: Columns, path: Path) -> None:
+def write_csv(columns: TableColumns, path: Path) -> None:
     """Writes columns (m,), each number with all its digits, and nothing for NaN."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows([["" if each != each else each for each in row] for row in rows])
+        # NaN alone differs from itself
+        writer.writerows([["" if value != value else value for value in row] for row in rows])
 
 
-def cell_columns(solution: Solution) -> Columns:
+def solution_cell_columns(solution: Solution) -> TableColumns:
     """The columns of the cells of a solution, with lambda_H and the means of u_h - g."""
-    return of_cells(solution.partition, multiplier=solution.multiplier, gap=solution.gap)
+    return make_cell_columns(solution.partition, multiplier=solution.multiplier, gap=solution.gap)
 
 
-def dataset(solution: Solution) -> xr.Dataset:
+def make_dataset(solution: Solution) -> xr.Dataset:
     """u_h on its mesh, and the columns of the cells, by the CF conventions."""
     require("datasets need", "xarray")
     import xarray as xr
 
-    mesh, cells = solution.mesh, cell_columns(solution)
+    mesh = solution.mesh
+    cell_columns = solution_cell_columns(solution)
     attributes = {"h": mesh.h, "H": solution.partition.H}
-    if not solution.solved.foreign:
+    if not solution.solved.is_foreign:
         attributes["algebraic_bound"] = solution.solved.result.bound
     if bounds := bound_errors(solution, sharp=False):
         attributes |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier}
-    columns = {name: ("cell", column) for name, column in cells.items()}
-    found = xr.Dataset(
+    columns = {name: ("cell", column) for name, column in cell_columns.items()}
+    dataset = xr.Dataset(
         {
             "u": ("node", solution.u),
             "triangles": (("triangle", "corner"), mesh.triangles.astype(np.int32)),
             **columns,
-            "side": ("cell", cells["side"].astype(np.int32)),
+            "side": ("cell", cell_columns["side"].astype(np.int32)),
         },
         {"x": ("node", mesh.points[:, 0]), "y": ("node", mesh.points[:, 1])},
         attrs={"Conventions": "CF-1.8", "title": "Solution of a unilateral boundary problem", **attributes},
     )
-    for name, variable in found.variables.items():
+    for name, variable in dataset.variables.items():
         variable.attrs = {"long_name": LONG_NAMES[str(name)], "units": "1"}
         if name not in ("multiplier", "gap"):
-            variable.encoding["_FillValue"] = None
-    return found
+            variable.encoding["_FillValue"] = None  # xarray would declare one, though no value is missing
+    return dataset

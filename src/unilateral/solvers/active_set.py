@@ -1,9 +1,9 @@
 """An active-set solver of the same discrete problem, independent of Uzawa and of lambda_min(S) > 0.
 
 With y = R (u_h - A^{-1} f) on the boundary, A_3 = R^T R, the discrete problem is the least-distance problem
-min |y|^2 subject to half^T y >= -H_i F(0), whose multipliers are lambda_H. Lawson and Hanson (Solving Least
-Squares Problems, 1974, chapter 23) reduce it to one non-negative least-squares problem, which
-an active-set method solves in finitely many steps, whatever the rank of D.
+min |y|^2 subject to D_factor^T y >= -H_i F(0), whose multipliers are lambda_H. Lawson and Hanson (Solving
+Least Squares Problems, 1974, chapter 23) reduce it to one non-negative least-squares problem, which an
+active-set method solves in finitely many steps, whatever the rank of D.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from unilateral.solvers.uzawa import (
     check_offset,
     energy_bound,
     residual_bound,
-    warn_unless_converged,
+    warn_of_missed_tolerance,
 )
 
 
-def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:
+def solve_by_active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualResult:
     """lambda_H (m,) for the offset F(0) (m,), with its bound; one of several where it is not unique.
 
     The bound is `residual_bound`, or `energy_bound` where S is singular. If it exceeds `tolerance`, the
@@ -32,21 +32,31 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
     """
     check_offset(offset, tolerance)
     try:
-        lambda_H = _least_distance(operator, offset)
+        lambda_H = _solve_least_distance(operator, offset)
     except RuntimeError:
         lambda_H = np.full(len(offset), math.nan)
     if not np.all((lambda_H >= 0) & np.isfinite(lambda_H)):
         lambda_H = np.zeros(len(offset))
-    if operator.singular:
-        bound, applications = energy_bound(operator, offset, lambda_H), 1
+    if operator.is_singular:
+        bound = energy_bound(operator, offset, lambda_H)
+        applications = 1
     else:
-        bound, applications = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max), 2
-    result = DualResult(lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, "active_set")
-    warn_unless_converged(result, tolerance)
+        bound = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max)
+        applications = 2
+    result = DualResult(
+        lambda_H,
+        iterations=math.nan,
+        operator_applications=applications,
+        bound=bound,
+        converged=bound <= tolerance,
+        rho=math.nan,
+        algorithm="active_set",
+    )
+    warn_of_missed_tolerance(result, tolerance)
     return result
 
 
-def _least_distance(operator: DualOperator, offset: Array) -> Array:
+def _solve_least_distance(operator: DualOperator, offset: Array) -> Array:
     """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0.
 
     On domains much larger than 1 that residual may still round to 0; lambda_H may then be negative or not
@@ -54,11 +64,13 @@ def _least_distance(operator: DualOperator, offset: Array) -> Array:
     """
     from scipy.optimize import nnls
 
+    # with h = -H_i F(0) / scale the x >= 0 of least |D_factor x|^2 + (h . x - 1)^2 gives lambda_H, as the
+    # last residual is 1 - h . x = 1 / (1 + |y|^2): lambda_H = scale x / (1 - h . x)
     scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
     if scale == 0:
         return np.zeros(len(offset))
-    matrix = np.vstack([operator.half, -operator.H_i * offset / scale])
-    target = np.append(np.zeros(len(operator.half)), 1.0)
+    matrix = np.vstack([operator.D_factor, -operator.H_i * offset / scale])
+    target = np.append(np.zeros(len(operator.D_factor)), 1.0)
     solution, _ = nnls(matrix, target, maxiter=10 * matrix.shape[1])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.asarray(scale * solution / (1 - matrix[-1] @ solution))

@@ -31,12 +31,14 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.fem.residual_rounding import SLACK, Rounded
-from unilateral.fem.spaces import FORMS, DualOperator
-from unilateral.solvers.uzawa import energy_norm
+from unilateral.fem.residual_rounding import NORM_ROUNDING_FACTOR, Rounded
+from unilateral.fem.spaces import FORM_ROUNDING, DualOperator
+from unilateral.solvers.uzawa import scaled_matrix_norm
 
 
-def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho: float) -> float:
+def condensed_algebraic_bound(
+    operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho: float
+) -> float:
     """A bound on ||u - u_h||_1 and on ||mu - lambda||_{-1/2,h}, for any u and mu (m,) >= 0.
 
     `gap` (m,) are the cell means of u - g. `delta` bounds the dual norm of load + B^T mu - A u; it counts
@@ -46,27 +48,35 @@ def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho
         return delta
     if math.isnan(rho):
         rho = 1 / operator.lambda_max
-    if not operator.lambda_low > 0:
-        return _by_energy(operator, mu, gap, delta)
-    low, R, high = (np.minimum(mu, rho * (gap.values + sign * gap.doubt)) for sign in (-1, 0, 1))
-    root = np.sqrt(operator.H_i)
-    in_L2, doubt = float(dnrm2(root * R)), float(dnrm2(root * (high - low)))
-    a = (1 + FORMS) * energy_norm(operator.D, R, in_L2) + doubt * math.sqrt(2 * operator.lambda_max)
-    return a + (in_L2 + doubt) / (rho * math.sqrt(operator.lambda_low)) + 3 * delta
+    if not operator.lambda_min_lower > 0:
+        return _energy_algebraic_bound(operator, mu, gap, delta)
+    # R = mu - max(0, mu - rho F) = min(mu, rho F), with the least and the largest F that rounding allows
+    low = np.minimum(mu, rho * (gap.values + (-1) * gap.rounding))
+    R = np.minimum(mu, rho * (gap.values + 0 * gap.rounding))
+    high = np.minimum(mu, rho * (gap.values + 1 * gap.rounding))
+    weights = np.sqrt(operator.H_i)
+    R_norm = float(dnrm2(weights * R))
+    R_rounding = float(dnrm2(weights * (high - low)))
+    # ||R||_{-1/2,h} <= lambda_max(S)^{1/2} ||R||_0 for what rounding has done to R, with room for lambda_max
+    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + R_rounding * math.sqrt(
+        2 * operator.lambda_max
+    )
+    return a + (R_norm + R_rounding) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
 
 
-def _by_energy(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
-    """The bound of `certified` where S is singular.
+def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
+    """The bound of `condensed_algebraic_bound` where S is singular.
 
     It is computed in units of the largest number, because the square of a tiny one would be 0.
     """
     weighted = operator.H_i * mu
-    unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.doubt, weighted, [delta]))
+    unit = max(float(np.max(numbers)) for numbers in (np.abs(gap.values), gap.rounding, weighted, [delta]))
     if not 0 < unit < math.inf:
         return unit
-    t = operator.lift(gap.values - gap.doubt) / unit
+    t = operator.required_shift(gap.values - gap.rounding) / unit
     if not t < math.inf:
         return math.inf
-    product = float(weighted / unit @ ((gap.values + gap.doubt) / unit + t * operator.lift_means))
-    linear = t * operator.lift_norm + 2 * delta / unit
-    return SLACK * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), linear) + delta
+    # 2 <mu, v - g> + (t ||w|| + 2 delta)^2, v = u + t w; the delta added last is for lambda
+    product = float(weighted / unit @ ((gap.values + gap.rounding) / unit + t * operator.shift_means))
+    linear = t * operator.shift_norm + 2 * delta / unit
+    return NORM_ROUNDING_FACTOR * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), linear) + delta

@@ -26,135 +26,146 @@ from scipy.sparse.linalg import splu
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.hierarchy import Hierarchy
-from unilateral.fem.nested_cells import Cells
-from unilateral.solvers.v_cycle import Truncated
+from unilateral.fem.nested_cells import LevelCells
+from unilateral.solvers.v_cycle import TruncatedCycle
 
-ROUNDING = 1e-13
+MEAN_ROUNDING = 1e-13
 """A mean of g - u over a cell is no violation up to this fraction of the largest |u|."""
-MOST_ITERATIONS = 200
+MAX_KERNEL_ITERATIONS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """The problem on the last level of a hierarchy: load (n,), and integrals d (m,) of g over its cells."""
 
-    of: Hierarchy
-    cells: Cells
+    hierarchy: Hierarchy
+    cells: LevelCells
     load: Array
     d: Array
 
     @property
-    def exact(self) -> bool:
+    def is_coarsest(self) -> bool:
         """Whether the ring consists of all nodes."""
-        return not self.of.levels
+        return not self.hierarchy.levels
 
     @cached_property
     def ring(self) -> Index:
-        """(k,) the nodes of the ring, increasing."""
-        return np.arange(self.of.n) if self.exact else np.sort(self.of.boundary)
+        """The nodes of the ring, increasing: those on the boundary, or all on level 0; shape (k,)."""
+        return np.arange(self.hierarchy.n) if self.is_coarsest else np.sort(self.hierarchy.boundary)
 
     @cached_property
-    def of_ring(self) -> sp.csr_array:
-        """(k, n) the rows of A at the nodes of the ring."""
-        return self.of.A[self.ring]
+    def ring_rows(self) -> sp.csr_array:
+        """The rows of A at the nodes of the ring; shape (k, n)."""
+        return self.hierarchy.A[self.ring]
 
 
-class Run:
+class ActiveSetRun:
     """Conjugate gradients for the cells `active` (m,), from u (n,), which changes in place.
 
-    `rz` is r . z, and `first_rz` its first value; `multiplier` belongs to the active cells. `steps` are the
-    numbers alpha and beta of each step.
+    `rz` is r . z, and `first_rz` its first value; `multiplier` belongs to the active cells. `cg_coefficients`
+    are the numbers alpha and beta of each step.
     """
 
     def __init__(self, grid: Grid, active: Mask, u: Array) -> None:
-        self.grid, self.active, self.u = grid, active, u
+        self.grid = grid
+        self.active = active
+        self.u = u
         B = grid.cells.B[active]
         self.B_T = B[:, grid.ring].T.tocsr()
-        A = grid.of_ring[:, grid.ring]
+        A = grid.ring_rows[:, grid.ring]
         # A grows with k, B with lengths: for other units the matrix is the same up to a factor
         largest = abs(self.B_T).max() if B.shape[0] else 1.0
         self.scale = 2.0 ** np.rint(np.log2(abs(A).max() / largest))
-        self.saddle = splu(_saddle(A, self.scale * self.B_T))
-        self.coarser = None if grid.exact else Truncated(grid.of, grid.cells.nodes(active))
+        # (A B_a^T; B_a 0) on the ring, or A if no cell is active
+        B_T = self.scale * self.B_T
+        saddle = sp.block_array([[A, B_T], [B_T.T, None]], format="csc") if B.shape[0] else A.tocsc()
+        self.saddle_factors = splu(saddle)
+        self.coarse_correction = (
+            None if grid.is_coarsest else TruncatedCycle(grid.hierarchy, grid.cells.nodes(active))
+        )
+        # a first step on the ring fulfils the constraints; all others are in the kernel of B_a
         self.multiplier = np.zeros(B.shape[0])
-        self.r = grid.load - grid.of.A @ u
-        change = self._equilibrate(grid.d[active] - B @ u)
+        self.r = grid.load - grid.hierarchy.A @ u
+        change = self._correct_ring(grid.d[active] - B @ u)
         u[grid.ring] += change
-        self.r -= grid.of_ring.T @ change
-        self.p = self._preconditioned()
+        self.r -= grid.ring_rows.T @ change
+        self.p = self._precondition_residual()
         self.rz = self.first_rz = float(self.r @ self.p)
-        self.steps: list[tuple[float, float]] = []
+        self.cg_coefficients: list[tuple[float, float]] = []
 
     @property
     def lambda_H(self) -> Array:
-        """(m,) the multiplier, which may be negative."""
+        """The multiplier on all cells, which may be negative; shape (m,)."""
         lambda_H = np.zeros(len(self.active))
         lambda_H[self.active] = self.multiplier
         return lambda_H
 
     @property
-    def exhausted(self) -> bool:
+    def is_exhausted(self) -> bool:
         """Whether no further step is made."""
-        return len(self.steps) >= MOST_ITERATIONS or not self.rz > 0
+        return len(self.cg_coefficients) >= MAX_KERNEL_ITERATIONS or not self.rz > 0
 
     @property
-    def in_L2(self) -> float:
-        """(sum of r_i^2 / m_i)^{1/2}, see `residual_rounding`."""
-        return float(dnrm2(self.r / np.sqrt(self.grid.of.mass)))
+    def residual_norm(self) -> float:
+        """The weighted norm (sum r_i^2 / m_i)^{1/2} of the residual."""
+        return float(dnrm2(self.r / np.sqrt(self.grid.hierarchy.nodal_weights)))
 
-    def descend(self, rz: float) -> None:
-        """Makes steps until r . z is at most `rz`."""
-        while self.rz > rz and not self.exhausted:
+    def descend(self, max_rz: float) -> None:
+        """Make steps until r . z is at most `max_rz`."""
+        while self.rz > max_rz and not self.is_exhausted:
             self._advance()
 
-    def next_set(self) -> Mask:
-        """(m,) the cells that are active next.
+    def choose_next_set(self) -> Mask:
+        """Which cells (m,) are active next.
 
         Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
-        g's.
+        that of g.
         """
-        cells, allowed = self.grid.cells, ROUNDING * np.max(np.abs(self.u))
-        below = cells.B @ self.u - self.grid.d < -allowed * cells.lengths
+        cells = self.grid.cells
+        rounding = MEAN_ROUNDING * np.max(np.abs(self.u))
+        below = cells.B @ self.u - self.grid.d < -rounding * cells.lengths
         return np.where(self.active, self.lambda_H > 0, below)
 
     def _advance(self) -> None:
-        A_p = self.grid.of.A @ self.p
+        """Make one step: u + alpha p, alpha = r . z / p . A p; then p = z + beta p with the new r and z."""
+        A_p = self.grid.hierarchy.A @ self.p
         alpha = self.rz / float(self.p @ A_p)
         daxpy(self.p, self.u, a=alpha)
         daxpy(A_p, self.r, a=-alpha)
-        z = self._preconditioned()
-        old, self.rz = self.rz, float(self.r @ z)
+        z = self._precondition_residual()
+        old = self.rz
+        self.rz = float(self.r @ z)
         self.p *= self.rz / old
         self.p += z
-        self.steps.append((alpha, self.rz / old))
+        self.cg_coefficients.append((alpha, self.rz / old))
 
-    def _equilibrate(self, gap: Array) -> Array:
+    def _correct_ring(self, gap: Array) -> Array:
         """x (k,) on the ring with B_a x = gap. Its residual there is B_a^T t, and t moves into lambda."""
         ring = self.grid.ring
-        x, t = np.split(self.saddle.solve(np.append(self.r[ring], self.scale * gap)), [len(ring)])
+        x, t = np.split(self.saddle_factors.solve(np.append(self.r[ring], self.scale * gap)), [len(ring)])
         self.multiplier -= self.scale * t
         self.r[ring] -= self.B_T @ (self.scale * t)
         return np.asarray(x)
 
-    def _preconditioned(self) -> Array:
+    def _precondition_residual(self) -> Array:
         """The preconditioned residual z (n,)."""
-        grid, z = self.grid, np.zeros_like(self.r)
-        ring, zero = grid.ring, np.zeros_like(self.multiplier)
-        z[ring] = self._equilibrate(zero)
-        if self.coarser:
-            last = len(grid.of.smoothed)
-            self._sweep(z, 0, last, 1)
-            self.coarser.correct(grid.of.A, z, self.r)
-            self._sweep(z, last - 1, -1, -1)
-            left = self.r[ring] - grid.of_ring @ z
-            z[ring] += self.saddle.solve(np.concatenate([left, zero]))[: len(ring)]
+        grid = self.grid
+        z = np.zeros_like(self.r)
+        ring = grid.ring
+        zero = np.zeros_like(self.multiplier)
+        # symmetric: ring, inner nodes forward, coarser levels, inner nodes backward, ring
+        z[ring] = self._correct_ring(zero)
+        if self.coarse_correction:
+            last = len(grid.hierarchy.smoothed_nodes)
+            self._sweep_inner_nodes(z, 0, last, 1)
+            self.coarse_correction.correct(grid.hierarchy.A, z, self.r)
+            self._sweep_inner_nodes(z, last - 1, -1, -1)
+            ring_residual = self.r[ring] - grid.ring_rows @ z
+            z[ring] += self.saddle_factors.solve(np.concatenate([ring_residual, zero]))[: len(ring)]
         return z
 
-    def _sweep(self, z: Array, start: int, stop: int, step: int) -> None:
-        A, nodes = self.grid.of.A, self.grid.of.smoothed
+    def _sweep_inner_nodes(self, z: Array, start: int, stop: int, step: int) -> None:
+        """One sweep of Gauss and Seidel for A z = r, over the inner nodes whose hats changed last."""
+        A = self.grid.hierarchy.A
+        nodes = self.grid.hierarchy.smoothed_nodes
         gauss_seidel_indexed(A.indptr, A.indices, A.data, z, self.r, nodes, start, stop, step)
-
-
-def _saddle(A: sp.csr_array, B_T: sp.csr_array) -> sp.csc_array:
-    """The saddle-point matrix of A with the constraints B x = 0, or A if there are none."""
-    return sp.block_array([[A, B_T], [B_T.T, None]], format="csc") if B_T.shape[1] else A.tocsc()

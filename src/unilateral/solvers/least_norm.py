@@ -19,82 +19,125 @@ import numpy as np
 
 from unilateral.arrays import Array, Mask
 
-MOST_STEPS = 10
-NEAR, FAR = 1e-300, 1e8
-"""NEAR is the least t, taken where q is 0.
+MAX_SET_UPDATES = 10
+MIN_T = 1e-300
+UNBOUNDED_T = 1e8
+"""MIN_T is the least t, taken where q is 0.
 
-Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is larger.
+Where nothing bounds t, as |p|_S >= 1, it is UNBOUNDED_T times 1 or |q|_S, whichever is larger.
 """
 
 
-def least(S: Array, l: Array, c: Array, active: Mask, exact: Mask) -> Array:  # noqa: E741
+def minimise_linear_plus_norm(
+    S: Array,
+    l: Array,  # noqa: E741
+    lower_bounds: Array,
+    active: Mask,
+    equalities: Mask,
+) -> Array:
     """The best v (n, k) with v >= c, one for each column of c (n, k), which is -inf where there is no bound.
 
-    v = c in the unknowns that are `exact` (n,). S (n, n) is positive definite, and l is (n,). The iteration
-    begins with the `active` sets (n, k), where c is finite. Where they do not settle, v is the best one that
-    was met. A constant is never better, if nothing is exact.
+    v = c in the unknowns that are `equalities` (n,). S (n, n) is positive definite, and l is (n,). The
+    iteration begins with the `active` sets (n, k), where c is finite. Where they do not settle, v is the best
+    one that was met. Without equalities the start is the least constant v >= c.
     """
-    active = active | exact[:, None]
-    usual = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
-    begin = np.where(np.isfinite(c), c, 0.0) if exact.any() else np.ones_like(c) * c.max(axis=0)
-    T, best, left = _pivoted(S, usual), begin, np.arange(c.shape[1])
-    values = _values(S, l, best)
-    for _ in range(MOST_STEPS):
-        of, bound = active[:, left], c[:, left]
-        v, push = _stationary(T, usual, of, bound, l)
-        cut = np.maximum(v, bound)
-        now = _values(S, l, cut)
-        better = now < values[left]
-        best[:, left[better]], values[left[better]] = cut[:, better], now[better]
-        active[:, left] = np.where(of, (push >= 0) | exact[:, None], v < bound)
-        left = left[(active[:, left] != of).any(axis=0)]
-        if not left.size:
+    active = active | equalities[:, None]
+    usually_free = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
+    # start with c where some unknowns are given, else with the constant that is the largest bound
+    start = (
+        np.where(np.isfinite(lower_bounds), lower_bounds, 0.0)
+        if equalities.any()
+        else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
+    )
+    pivoted = _principal_pivot(S, usually_free)
+    best = start
+    unsettled = np.arange(lower_bounds.shape[1])
+    values = _objective(S, l, best)
+    for _ in range(MAX_SET_UPDATES):
+        # the stationary v of the problems that have not settled, cut to v >= c, is kept where it is better;
+        # where |p|_S >= 1 it is one far out (UNBOUNDED_T)
+        active_now = active[:, unsettled]
+        c = lower_bounds[:, unsettled]
+        v, gradient = _stationary_point(pivoted, usually_free, active_now, c, l)
+        feasible = np.maximum(v, c)
+        objective = _objective(S, l, feasible)
+        better = objective < values[unsettled]
+        best[:, unsettled[better]] = feasible[:, better]
+        values[unsettled[better]] = objective[better]
+        # active unknowns stay while the gradient is >= 0, others become so where v < c
+        active[:, unsettled] = np.where(active_now, (gradient >= 0) | equalities[:, None], v < c)
+        unsettled = unsettled[(active[:, unsettled] != active_now).any(axis=0)]
+        if not unsettled.size:
             break
     return best
 
 
-def _stationary(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> tuple[Array, Array]:  # noqa: E741
+def _stationary_point(
+    T: Array,
+    usually_free: Mask,
+    active: Mask,
+    lower_bounds: Array,
+    l: Array,  # noqa: E741
+) -> tuple[Array, Array]:
     """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
-    (q, S_q), (p, S_p) = _parts(T, usual, active, c, l)
-    of_q, left = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0)), 1 + l @ p
-    bounded = left > 0
-    t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), FAR * np.maximum(of_q, 1))
-    t = np.maximum(t, NEAR)
+    (q, S_q), (p, S_p) = _solve_active_sets(T, usually_free, active, lower_bounds, l)
+    # t^2 = |q|_S^2 / (1 - |p|_S^2), and |p|_S^2 = -l . p
+    q_norm = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
+    denominator = 1 + l @ p
+    bounded = denominator > 0
+    t = np.where(
+        bounded, q_norm / np.sqrt(np.where(bounded, denominator, 1)), UNBOUNDED_T * np.maximum(q_norm, 1)
+    )
+    t = np.maximum(t, MIN_T)
     return q + t * p, l[:, None] + S_q / t + S_p
 
 
-def _values(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
-    """(k,) l . v + |v|_S for the columns of v (n, k)."""
+def _objective(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
+    """The values of l . v + |v|_S for each column of v; shape (k,)."""
     return np.asarray(l @ v + np.sqrt(np.maximum(np.sum(v * (S @ v), axis=0), 0.0)))
 
 
-def _pivoted(S: Array, usual: Mask) -> Array:
-    """T (n, n), which is S after a pivot in the `usual` unknowns.
+def _principal_pivot(S: Array, usually_free: Mask) -> Array:
+    """T (n, n), which is S after a pivot in the `usually_free` unknowns.
 
-    For r = S v it takes r in the `usual` unknowns and v in the others to v in the `usual` and r in the
-    others.
+    For r = S v it takes r in the `usually_free` unknowns and v in the others to v in the `usually_free` and r
+    in the others.
     """
-    F, A = np.flatnonzero(usual), np.flatnonzero(~usual)
+    F = np.flatnonzero(usually_free)
+    A = np.flatnonzero(~usually_free)
+    # v_F = S_FF^{-1} (r_F - S_FA v_A), and r_A = S_AF v_F + S_AA v_A
     inverse = np.linalg.inv(S[np.ix_(F, F)])
     across = inverse @ S[np.ix_(F, A)]
     T = np.empty_like(S)
-    T[np.ix_(F, F)], T[np.ix_(F, A)] = inverse, -across
-    T[np.ix_(A, F)], T[np.ix_(A, A)] = across.T, S[np.ix_(A, A)] - S[np.ix_(A, F)] @ across
+    T[np.ix_(F, F)] = inverse
+    T[np.ix_(F, A)] = -across
+    T[np.ix_(A, F)] = across.T
+    T[np.ix_(A, A)] = S[np.ix_(A, A)] - S[np.ix_(A, F)] @ across
     return T
 
 
-def _parts(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> list[tuple[Array, Array]]:  # noqa: E741
+def _solve_active_sets(
+    T: Array,
+    usually_free: Mask,
+    active: Mask,
+    lower_bounds: Array,
+    l: Array,  # noqa: E741
+) -> list[tuple[Array, Array]]:
     """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
     n, k = active.shape
-    known, none = np.zeros((n, 2, k)), np.zeros_like(c)
-    given = np.stack([np.where(active, c, none), np.where(active, none, -l[:, None])], axis=1)
+    arguments = np.zeros((n, 2, k))
+    zero = np.zeros_like(lower_bounds)
+    prescribed = np.stack([np.where(active, lower_bounds, zero), np.where(active, zero, -l[:, None])], axis=1)
+    # T acts on S v in usually free unknowns, on v in the others. The problem prescribes v in active unknowns
+    # and S v in the others: where an unknown is not as usual, the argument is what makes T yield that
     for j in range(k):
-        other = np.flatnonzero(active[:, j] == usual)
-        known[:, :, j] = given[:, :, j]
-        known[other, :, j] = 0
-        rest = given[other, :, j] - T[other] @ known[:, :, j]
-        known[other, :, j] = np.linalg.solve(T[np.ix_(other, other)], rest)
-    out = (T @ known.reshape(n, -1)).reshape(known.shape)
-    here = usual[:, None, None]
-    v, S_v = np.where(here, out, known), np.where(here, known, out)
+        differing = np.flatnonzero(active[:, j] == usually_free)
+        arguments[:, :, j] = prescribed[:, :, j]
+        arguments[differing, :, j] = 0
+        rhs = prescribed[differing, :, j] - T[differing] @ arguments[:, :, j]
+        arguments[differing, :, j] = np.linalg.solve(T[np.ix_(differing, differing)], rhs)
+    images = (T @ arguments.reshape(n, -1)).reshape(arguments.shape)
+    is_free = usually_free[:, None, None]
+    v = np.where(is_free, images, arguments)
+    S_v = np.where(is_free, arguments, images)
     return [(v[:, i], S_v[:, i]) for i in (0, 1)]

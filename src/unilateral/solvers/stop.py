@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from numbers import Integral, Real
 
-from unilateral.errors import InputError, meant, shown
+from unilateral.errors import InputError, quote_input, suggest_name
 
 ALGORITHMS = ("auto", "uzawa", "nesterov", "barzilai_borwein", "newton", "active_set", "multigrid")
 
@@ -35,21 +35,21 @@ class Stop:
 
     def __post_init__(self) -> None:
         for name in ("fraction", "tolerance", "max_steps", "rho"):
-            given = getattr(self, name)
-            if given is None and name in ("tolerance", "rho"):
+            value = getattr(self, name)
+            if value is None and name in ("tolerance", "rho"):
                 continue
-            if not isinstance(given, Real) or isinstance(given, bool):
-                raise InputError(f"{name} is {shown(repr(given))}; it has to be a number")
+            if not isinstance(value, Real) or isinstance(value, bool):
+                raise InputError(f"{name} is {quote_input(repr(value))}; it has to be a number")
             may_be_0 = name in ("tolerance", "max_steps")
-            if not (0 < float(given) < math.inf or (may_be_0 and given == 0)):
-                raise InputError(f"{name} is {given}; it has to be a positive number")
+            if not (0 < float(value) < math.inf or (may_be_0 and value == 0)):
+                raise InputError(f"{name} is {value}; it has to be a positive number")
         if not isinstance(self.max_steps, Integral):
             raise InputError(f"max_steps is {self.max_steps}; it has to be a whole number")
         if not isinstance(self.algorithm, str) or self.algorithm not in ALGORITHMS:
-            known = ", ".join(ALGORITHMS)
+            names = ", ".join(ALGORITHMS)
             raise InputError(
-                f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}"
-                + meant(str(self.algorithm), ALGORITHMS)
+                f"the algorithm '{self.algorithm}' is unknown; the known ones are {names}"
+                + suggest_name(str(self.algorithm), ALGORITHMS)
             )
         if self.algorithm in ("active_set", "multigrid") and self.rho is not None:
             raise InputError(

@@ -18,13 +18,13 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array
 from unilateral.errors import InputError, IterationWarning
 from unilateral.fem.spaces import DualOperator
-from unilateral.solvers.uzawa_steps import STEPS, Step
+from unilateral.solvers.uzawa_steps import STEP_METHODS, UzawaStep
 
-Apply = Callable[[Array, Array], object]
-Observe = Callable[[Array, Array, Array], None]
-DIVERGED = 1e300
+ApplyS = Callable[[Array, Array], object]
+ObserveStep = Callable[[Array, Array, Array], None]
+MAX_RESIDUAL = 1e300
 """A residual above this ends the run, which would soon overflow. A first residual above it is refused."""
-LEAST = float(np.finfo(float).tiny)
+SMALLEST_NORMAL = float(np.finfo(float).tiny)
 """Data whose largest number is below this have lost digits."""
 
 
@@ -46,12 +46,12 @@ class DualResult:
     algorithm: str
     rounding: float = 0.0
 
-    def after(self, first: DualResult) -> DualResult:
-        """This run, which went on where the first one ended, with the counts of both."""
+    def add_counts(self, first_run: DualResult) -> DualResult:
+        """The result of a run that went on where the first one ended, with the counts of both."""
         return replace(
             self,
-            iterations=first.iterations + self.iterations,
-            operator_applications=first.operator_applications + self.operator_applications,
+            iterations=first_run.iterations + self.iterations,
+            operator_applications=first_run.operator_applications + self.operator_applications,
         )
 
 
@@ -59,32 +59,33 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
     """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
 
     It is guaranteed for the problem with the operator and the offset as they were computed. For the problem
-    itself see `certified`.
+    itself `condensed_algebraic_bound` has the rounding, too.
     """
-    if operator.singular:
+    if operator.is_singular:
         return math.inf
     R = np.minimum(mu, rho * operator.gap(mu, offset))
-    in_L2 = dnrm2(np.sqrt(operator.H_i) * R)
-    return energy_norm(operator.D, R, in_L2) + in_L2 / (rho * math.sqrt(operator.lambda_min))
+    R_norm = dnrm2(np.sqrt(operator.H_i) * R)
+    return scaled_matrix_norm(operator.D, R, R_norm) + R_norm / (rho * math.sqrt(operator.lambda_min))
 
 
 def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
-    """(t^2 ||w||^2 + 2 <mu, v - g>)^{1/2} with v = u(mu) + t w, t >= 0 smallest so that no mean(v - g) < 0.
+    """The bound (t^2 ||w||^2 + 2 <mu, v - g>)^{1/2} with v = u(mu) + t w.
 
-    w is that of `DualOperator`. It bounds the same error as `residual_bound`, also where S is singular;
-    rounding leaves about 5e-7.
+    w is that of `DualOperator`, and t >= 0 the least with which no mean of v - g is below 0. It bounds the
+    same error as `residual_bound`, also where S is singular; rounding leaves about 5e-7.
     """
-    return _energy(operator.gap(mu, offset), operator.H_i * mu, operator)
+    return _scaled_energy_bound(operator.gap(mu, offset), operator.H_i * mu, operator)
 
 
-def predicted_steps(operator: DualOperator, rho: float, bound0: float, tolerance: float) -> float:
+def predicted_steps(operator: DualOperator, rho: float, start_bound: float, tolerance: float) -> float:
     """Steps of plain Uzawa from bound0 to tolerance: ln(bound0/tolerance) / -ln max |1 - rho lambda|."""
-    if bound0 <= tolerance:
+    if start_bound <= tolerance:
         return 0.0
+    # each step multiplies the error by at most q = max |1 - rho lambda| over the spectrum of S, at its ends
     q = max(abs(1 - rho * operator.lambda_min), abs(1 - rho * operator.lambda_max))
-    if operator.singular or q >= 1 or tolerance <= 0:
+    if operator.is_singular or q >= 1 or tolerance <= 0:
         return math.inf
-    return math.log(bound0 / tolerance) / -math.log(q) if q > 0 else 1.0
+    return math.log(start_bound / tolerance) / -math.log(q) if q > 0 else 1.0
 
 
 def uzawa(
@@ -95,38 +96,48 @@ def uzawa(
     start: Array | None = None,
     max_steps: int = 100_000,
     method: str = "uzawa",
-    apply: Apply | None = None,
-    observe: Observe | None = None,
+    apply: ApplyS | None = None,
+    observe: ObserveStep | None = None,
 ) -> DualResult:
     """Iterates lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
     `offset` (m,) is F(0); `rho` is by default 1.9 / lambda_max(S), `start` (m,) >= 0 by default 0. Another
-    `method` of `uzawa_steps.STEPS` makes its own steps instead, with rho by default 1 / lambda_max(S).
-    `apply(y, out)` computes S y in another way than `Columns`; what is guaranteed is then so for the S y that
-    it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
+    `method` of `uzawa_steps.STEP_METHODS` makes its own steps instead, with rho by default 1 / lambda_max(S).
+    `apply(y, out)` computes S y in another way than `ContactColumns`; what is guaranteed is then so for the S
+    y that it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
     floating point warns and has converged False. Raises InputError for an offset, a rho or a tolerance that
     cannot be meant, for "newton" where S is singular, and for data or a start from which the first residual
-    is not below DIVERGED.
+    is not below MAX_RESIDUAL.
     """
     check_offset(offset, tolerance)
-    if method == "newton" and operator.singular:
+    if method == "newton" and operator.is_singular:
         raise InputError("the method newton needs a regular S, with h/H small; take active_set")
-    step, root = STEPS[method], np.sqrt(operator.H_i)
+    method_class = STEP_METHODS[method]
+    scaling = np.sqrt(operator.H_i)
     if rho is None:
-        rho = step.share / operator.lambda_max
+        rho = method_class.rho_factor / operator.lambda_max
     if not 0 < rho < math.inf:
         raise InputError(f"the step rho = {rho} must be positive and finite")
-    y = np.zeros(len(root)) if start is None else root * start
-    iteration = _Iteration(operator, root * offset, rho, apply, observe)
-    advance = step(operator.S, iteration.b, rho, y)
+    # y_i = H_i^{1/2} mu_i
+    y = np.zeros(len(scaling)) if start is None else scaling * start
+    iteration = _Iteration(operator, scaling * offset, rho, apply, observe)
+    advance = method_class(operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
-    result = DualResult(y / root, steps, iteration.applications, bound, bound <= tolerance, rho, method)
-    warn_unless_converged(result, tolerance)
+    result = DualResult(
+        y / scaling,
+        iterations=steps,
+        operator_applications=iteration.applications,
+        bound=bound,
+        converged=bound <= tolerance,
+        rho=rho,
+        algorithm=method,
+    )
+    warn_of_missed_tolerance(result, tolerance)
     return result
 
 
-def warn_unless_converged(result: DualResult, tolerance: float) -> None:
+def warn_of_missed_tolerance(result: DualResult, tolerance: float) -> None:
     """Gives an IterationWarning of one sentence if the result's bound misses the tolerance."""
     if not result.converged:
         message = (
@@ -136,17 +147,19 @@ def warn_unless_converged(result: DualResult, tolerance: float) -> None:
         warnings.warn(message, IterationWarning, stacklevel=3)
 
 
-class Columns:
+class ContactColumns:
     """Computes S y from the columns of the cells in contact, often few; they are copied when these change."""
 
     def __init__(self, S: Array) -> None:
         self.S = S
-        self.mask: bytes | None = None
+        self.contact_mask: bytes | None = None
 
     def __call__(self, y: Array, out: Array) -> None:
+        """Write S y (m,) into `out`."""
         mask = (y != 0).tobytes()
-        if mask != self.mask:
-            self.mask, self.contact = mask, y.nonzero()[0]
+        if mask != self.contact_mask:
+            self.contact_mask = mask
+            self.contact = y.nonzero()[0]
             self.columns = self.S[self.contact]  # rows: S is symmetric
         np.dot(y[self.contact], self.columns, out=out)
 
@@ -155,18 +168,23 @@ class _Iteration:
     """The loop and its buffers: F = S y + b is the scaled gap, R = min(y, rho F) the scaled residual."""
 
     def __init__(
-        self, operator: DualOperator, b: Array, rho: float, apply: Apply | None, observe: Observe | None
+        self, operator: DualOperator, b: Array, rho: float, apply: ApplyS | None, observe: ObserveStep | None
     ) -> None:
-        self.operator, self.b, self.rho, self.observe = operator, b, rho, observe
-        self.apply = apply or Columns(operator.S)
-        self.singular = operator.singular
-        self.per_residual = math.inf if self.singular else 1 / (rho * math.sqrt(operator.lambda_min))
+        self.operator = operator
+        self.b = b
+        self.rho = rho
+        self.observe = observe
+        self.apply = apply or ContactColumns(operator.S)
+        self.singular = operator.is_singular
+        self.bound_per_residual = math.inf if self.singular else 1 / (rho * math.sqrt(operator.lambda_min))
         self.applications = 0
 
-    def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
+    def run(self, y: Array, advance: UzawaStep, tolerance: float, max_steps: int) -> tuple[int, float]:
         """Iterates on y in place. Returns the number of steps, and the bound that belongs to the final y."""
-        F, R = np.empty_like(y), np.empty_like(y)
+        F = np.empty_like(y)
+        R = np.empty_like(y)
         for step in range(max_steps + 1):
+            # F = S y + b, R = min(y, rho F): by (5.2), (5.3) the next iterate is y - R
             self.apply(y, F)
             np.add(F, self.b, out=F)
             np.multiply(F, self.rho, out=R)
@@ -174,13 +192,14 @@ class _Iteration:
             if self.observe:
                 self.observe(y, F, R)
             size = dnrm2(R)  # scaled: the square of a tiny R would be 0
-            if step == 0 and not size < DIVERGED:
+            if step == 0 and not size < MAX_RESIDUAL:
                 raise InputError(
-                    f"the first residual, {size:.3g}, is not below {DIVERGED:g}; scale the data to about 1, "
-                    "start from smaller numbers, or take a smaller rho"
+                    f"the first residual, {size:.3g}, is not below {MAX_RESIDUAL:g}; scale the data to about "
+                    "1, start from smaller numbers, or take a smaller rho"
                 )
-            last = step == max_steps or not size < DIVERGED
-            if last or self.singular or size * self.per_residual <= tolerance:
+            # if the second summand of the bound alone is above the tolerance, the first need not be computed
+            last = step == max_steps or not size < MAX_RESIDUAL
+            if last or self.singular or size * self.bound_per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
                 if last or bound <= tolerance:
                     break
@@ -189,33 +208,35 @@ class _Iteration:
         return step, bound
 
     def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
+        """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), or the bound by the energy where S is singular."""
         if self.singular:
             root = np.sqrt(self.operator.H_i)
-            return _energy(F / root, root * y, self.operator)
-        if not size < DIVERGED:
+            return _scaled_energy_bound(F / root, root * y, self.operator)
+        if not size < MAX_RESIDUAL:
             return math.inf
         self.applications += 1
-        return energy_norm(self.operator.S, R, size) + size * self.per_residual
+        return scaled_matrix_norm(self.operator.S, R, size) + size * self.bound_per_residual
 
 
-def _energy(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
-    """The value of `energy_bound`.
+def _scaled_energy_bound(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
+    """The bound by the energy, from the means of u(mu) - g and H_i mu_i.
 
     It is computed in units of the largest number, because the square of a tiny one would be 0.
     """
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
     if not 0 < unit < math.inf:
         return unit
-    t = operator.lift(gap) / unit
+    t = operator.required_shift(gap) / unit
     if not t < math.inf:
         return math.inf
-    product = float(weighted_mu / unit @ (gap / unit + t * operator.lift_means))
-    return unit * math.sqrt(max((t * operator.lift_norm) ** 2 + 2 * product, 0.0))
+    # (t ||w||)^2 + 2 <mu, v - g>, v = u(mu) + t w
+    product = float(weighted_mu / unit @ (gap / unit + t * operator.shift_means))
+    return unit * math.sqrt(max((t * operator.shift_norm) ** 2 + 2 * product, 0.0))
 
 
-def energy_norm(matrix: Array, R: Array, unit: float) -> float:
-    """(R . matrix R)^{1/2} for R (m,) of the size `unit`, with which squares neither overflow nor vanish."""
-    return unit * math.sqrt(max(float(R / unit @ (matrix @ (R / unit))), 0.0)) if unit > 0 else 0.0
+def scaled_matrix_norm(matrix: Array, R: Array, scale: float) -> float:
+    """The norm (R . matrix R)^{1/2} for R (m,) of the size `scale`; squares neither overflow nor vanish."""
+    return scale * math.sqrt(max(float(R / scale @ (matrix @ (R / scale))), 0.0)) if scale > 0 else 0.0
 
 
 def check_offset(offset: Array, tolerance: float) -> None:
@@ -223,7 +244,7 @@ def check_offset(offset: Array, tolerance: float) -> None:
     if not np.all(np.isfinite(offset)):
         raise InputError(f"the offset must hold {len(offset)} finite numbers, one for each cell of T_H")
     largest = float(np.max(np.abs(offset), initial=0))
-    if 0 < largest < LEAST:
+    if 0 < largest < SMALLEST_NORMAL:
         raise InputError(
             f"the offset's largest number, {largest:.3g}, has lost digits of double precision; scale the "
             "data to about 1"

@@ -17,7 +17,7 @@ from unilateral.arrays import Array
 class Uzawa:
     """The steps (5.2), (5.3) themselves: y - rho F, with negative values set to 0."""
 
-    share = 1.9
+    rho_factor = 1.9
     """If no rho is given, it is this many times 1 / lambda_max(S)."""
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
@@ -31,30 +31,37 @@ class Uzawa:
 class Nesterov:
     """Momentum with adaptive restart: B. O'Donoghue, E. Candes, Found. Comput. Math. 15 (2015) 715-732."""
 
-    share = 1.0
+    rho_factor = 1.0
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
-        self.rho, self.t, self.old, self.old_F = rho, 1.0, y.copy(), np.zeros_like(y)
+        self.rho = rho
+        self.t = 1.0
+        self.previous_y = y.copy()
+        self.previous_F = np.zeros_like(y)
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Replace y (m,) by the next iterate."""
+        # the step from z = y + momentum (y - y before), whose F is on the line through the two known ones
         t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
         momentum = (self.t - 1) / t
-        z, slope = _ahead(y, self.old, momentum), _ahead(F, self.old_F, momentum)
+        z = _extrapolate(y, self.previous_y, momentum)
+        slope = _extrapolate(F, self.previous_F, momentum)
         slope *= self.rho
         new = np.subtract(z, slope, out=slope)
         np.maximum(new, 0, out=new)
         z -= new
-        self.old[:], self.old_F[:] = y, F
+        self.previous_y[:] = y
+        self.previous_F[:] = F
         y[:] = new
-        new -= self.old
+        new -= self.previous_y
         self.t = 1.0 if z @ new > 0 else t
 
 
-def _ahead(now: Array, before: Array, momentum: float) -> Array:
-    """now + momentum (now - before), (m,)."""
-    ahead = now - before
+def _extrapolate(current: Array, previous: Array, momentum: float) -> Array:
+    """The values current + momentum (current - previous); shape (m,)."""
+    ahead = current - previous
     ahead *= momentum
-    ahead += now
+    ahead += current
     return ahead
 
 
@@ -68,37 +75,55 @@ class BarzilaiBorwein:
     would be infinite.
     """
 
-    share = 1.0
+    rho_factor = 1.0
     patience = 10
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
         self.unit = 2.0 ** (math.frexp(max(np.max(np.abs(b)), np.max(np.abs(y))))[1] - 1)
-        self.step, self.old, self.old_F = rho, y.copy(), np.zeros_like(y)
-        self.value, self.reference, self.candidate, self.waited = 0.0, math.inf, 0.0, 0
+        self.step_length = rho
+        self.previous_y = y.copy()
+        self.previous_F = np.zeros_like(y)
+        self.value = 0.0
+        self.reference = math.inf
+        self.candidate = 0.0
+        self.values_since_best = 0
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
-        s, change = (y - self.old) / self.unit, (F - self.old_F) / self.unit
+        """Replace y (m,) by the next iterate."""
+        # the step s has changed the objective by slope + curvature / 2, slope = s . F, curvature = s . S s
+        s = (y - self.previous_y) / self.unit
+        change = (F - self.previous_F) / self.unit
         curvature = float(s @ change)
         if curvature > 0:
-            slope = float(s @ (self.old_F / self.unit))
-            self.step = float(s @ s) / curvature
+            slope = float(s @ (self.previous_F / self.unit))
+            self.step_length = float(s @ s) / curvature
             if self.value + slope + 0.5 * curvature > self.reference:
                 cut = -slope / curvature
                 reach = cut * self.unit
-                y[:], F = self.old + reach * s, self.old_F + reach * change
-                slope, curvature = cut * slope, cut**2 * curvature
-            self._remember(self.value + slope + 0.5 * curvature)
-        self.old, self.old_F = y.copy(), F.copy()
-        y[:] = np.maximum(0, y - self.step * F)
+                y[:] = self.previous_y + reach * s
+                F = self.previous_F + reach * change
+                slope = cut * slope
+                curvature = cut**2 * curvature
+            self._update_reference(self.value + slope + 0.5 * curvature)
+        self.previous_y = y.copy()
+        self.previous_F = F.copy()
+        y[:] = np.maximum(0, y - self.step_length * F)
 
-    def _remember(self, value: float) -> None:
+    def _update_reference(self, value: float) -> None:
+        """Take note of a value of the objective, relative to the best one so far."""
         if value < 0:
             self.reference -= value
-            self.value, self.candidate, self.waited = 0.0, 0.0, 0
+            self.value = 0.0
+            self.candidate = 0.0
+            self.values_since_best = 0
             return
-        self.value, self.candidate, self.waited = value, max(self.candidate, value), self.waited + 1
-        if self.waited == self.patience:
-            self.reference, self.candidate, self.waited = self.candidate, value, 0
+        self.value = value
+        self.candidate = max(self.candidate, value)
+        self.values_since_best = self.values_since_best + 1
+        if self.values_since_best == self.patience:
+            self.reference = self.candidate
+            self.candidate = value
+            self.values_since_best = 0
 
 
 class Newton:
@@ -108,12 +133,15 @@ class Newton:
     ends when the set repeats; that it does is not proved for this S, but observed. S has to be regular.
     """
 
-    share = 1.0
+    rho_factor = 1.0
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
-        self.S, self.b, self.rho = S, b, rho
+        self.S = S
+        self.b = b
+        self.rho = rho
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Replace y (m,) by the next iterate."""
         contact = np.flatnonzero(y > self.rho * F)
         y[:] = 0
         if len(contact):
@@ -121,8 +149,8 @@ class Newton:
             y[contact] = np.maximum(0, cho_solve(factor, -self.b[contact], check_finite=False))
 
 
-Step = Uzawa | Nesterov | BarzilaiBorwein | Newton
-STEPS: dict[str, type[Step]] = {
+UzawaStep = Uzawa | Nesterov | BarzilaiBorwein | Newton
+STEP_METHODS: dict[str, type[UzawaStep]] = {
     "uzawa": Uzawa,
     "nesterov": Nesterov,
     "barzilai_borwein": BarzilaiBorwein,

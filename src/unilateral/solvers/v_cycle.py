@@ -22,61 +22,70 @@ from scipy.sparse.linalg import SuperLU, splu
 from unilateral.arrays import Array, Index, Int32
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy
 
-CUT_AWAY = 1e-10
+MIN_ENERGY_SHARE = 1e-10
 """If less than this fraction of a hat's energy is left, all of it is rounding, and the hat counts as 0."""
 
 
-class SparsePart(NamedTuple):
+class NodalMatrix(NamedTuple):
     """A symmetric matrix that is 0 but for the rows and columns of the `nodes` (k,), increasing."""
 
     nodes: Index
     values: sp.csr_array
 
 
-class Truncated:
-    """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `fixed`."""
+class TruncatedCycle:
+    """The levels below the last one of a hierarchy that has at least two; T is 0 at the `truncated_nodes`."""
 
-    def __init__(self, of: Hierarchy, fixed: Index) -> None:
-        self.last, self.below, self.fixed = of.levels[-1], of.levels[:-1], fixed
-        self.fixed_before, self.fixed_new = fixed[fixed < self.last.before], fixed[fixed >= self.last.before]
-        D = _coarser(self.last, _at_the_nodes(of.A, fixed))
+    def __init__(self, hierarchy: Hierarchy, truncated_nodes: Index) -> None:
+        self.last_level = hierarchy.levels[-1]
+        self.lower_levels = hierarchy.levels[:-1]
+        self.truncated_nodes = truncated_nodes
+        self.truncated_coarse_nodes = truncated_nodes[truncated_nodes < self.last_level.n_coarse]
+        self.truncated_new_nodes = truncated_nodes[truncated_nodes >= self.last_level.n_coarse]
+        # from fine to coarse: S = P^T A P - P^T D P, and the next D is P^T D P
+        D = _galerkin_product(self.last_level, _extract_nodes(hierarchy.A, truncated_nodes))
         self.matrices: list[sp.csr_array] = []
-        for level in reversed(self.below):
-            self.matrices.insert(0, _minus(level, D))
-            D = _coarser(level, D)
-        self.coarsest = _factors(_less(of.A_0, D.nodes, D), of.A_0)
+        for level in reversed(self.lower_levels):
+            self.matrices.insert(0, _subtract_from_level(level, D))
+            D = _galerkin_product(level, D)
+        self.coarse_factors = _factorise_coarsest(
+            _subtract_in_pattern(hierarchy.A_0, D.nodes, D), hierarchy.A_0
+        )
 
     def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
         """Adds T P C P^T T (r - A z) to z (n,), where C is one V-cycle and A the matrix of the last level."""
+        # T (r - A z), restricted; the correction is prolonged and truncated
         d = A @ z
         np.subtract(r, d, out=d)
-        d[self.fixed] = 0
-        self.last.restrict(d)
-        e = self._cycle(d[: self.last.before])
-        new = self.last.P @ e[self.last.ends]
-        e[self.fixed_before], new[self.fixed_new - self.last.before] = 0, 0
-        z[: self.last.before] += e
-        z[self.last.before :] += new
+        d[self.truncated_nodes] = 0
+        self.last_level.restrict(d)
+        e = self._apply_cycle(d[: self.last_level.n_coarse])
+        new = self.last_level.P @ e[self.last_level.ends]
+        e[self.truncated_coarse_nodes] = 0
+        new[self.truncated_new_nodes - self.last_level.n_coarse] = 0
+        z[: self.last_level.n_coarse] += e
+        z[self.last_level.n_coarse :] += new
 
-    def _cycle(self, r: Array) -> Array:
-        """e (n,) from r (n,), which is overwritten.
+    def _apply_cycle(self, r: Array) -> Array:
+        """The correction e (n,) of one V-cycle for r (n,), which is overwritten.
 
         Each level has one forward sweep on the way down, and one backward sweep on the way up.
         """
-        swept = []
-        for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
-            swept.append(level.sweep_down(S, r))
+        sweeps = []
+        for level, S in zip(reversed(self.lower_levels), reversed(self.matrices), strict=True):
+            sweeps.append(level.sweep_down(S, r))
             level.restrict(r)
-        e, n = np.zeros_like(r), self.coarsest.shape[0]
-        e[:n] = self.coarsest.solve(r[:n])
-        for level, S in zip(self.below, self.matrices, strict=True):
+        e = np.zeros_like(r)
+        n = self.coarse_factors.shape[0]
+        e[:n] = self.coarse_factors.solve(r[:n])
+        for level, S in zip(self.lower_levels, self.matrices, strict=True):
             level.prolong(e)
-            level.sweep_up(S, e, *swept.pop())
+            level.sweep_up(S, e, *sweeps.pop())
         return e
 
 
-def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
-    """Factors of S or, if S is singular, of S + CUT_AWAY diag(A_0).
+def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
+    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0).
 
     Hats that are cut may depend on each other, because few nodes are left. The added term makes the
     correction of such functions, which are 0, small in place of arbitrary.
@@ -84,64 +93,77 @@ def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
     try:
         return splu(S.tocsc())
     except RuntimeError:
-        return splu((S + sp.diags_array(CUT_AWAY * A_0.diagonal())).tocsc())
+        return splu((S + sp.diags_array(MIN_ENERGY_SHARE * A_0.diagonal())).tocsc())
 
 
-def _at_the_nodes(A: sp.csr_array, nodes: Index) -> SparsePart:
+def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     """The symmetric A's entries whose row or column is one of the nodes."""
     rows = A[nodes].tocoo()
-    i, j = nodes[rows.row], rows.col
-    chosen = np.zeros(A.shape[0], dtype=bool)
-    chosen[nodes] = True
-    other = ~chosen[j]
-    of, place = np.unique(np.concatenate([i, j]), return_inverse=True)
-    i, j = place[: len(i)], place[len(i) :]
-    entries = np.concatenate([rows.data, rows.data[other]])
-    places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
-    return SparsePart(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
+    i = nodes[rows.row]
+    j = rows.col
+    is_chosen = np.zeros(A.shape[0], dtype=bool)
+    is_chosen[nodes] = True
+    # rows of the nodes, and by symmetry their columns; entries between two of the nodes are taken once
+    outside = ~is_chosen[j]
+    all_nodes, place = np.unique(np.concatenate([i, j]), return_inverse=True)
+    i, j = np.split(place, [len(i)])
+    entries = np.concatenate([rows.data, rows.data[outside]])
+    places = np.concatenate([i, j[outside]]), np.concatenate([j, i[outside]])
+    return NodalMatrix(all_nodes, sp.csr_array((entries, places), shape=(len(all_nodes), len(all_nodes))))
 
 
-def _coarser(level: FinerSpace, D: SparsePart) -> SparsePart:
-    """P^T D P on the level before."""
-    new = D.nodes >= level.before
-    rows = level.P[D.nodes[new] - level.before]
+def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
+    """The matrix P^T D P on the level before."""
+    # P has a 1 for each old node of D, and the two halves for each new one
+    new = D.nodes >= level.n_coarse
+    rows = level.P[D.nodes[new] - level.n_coarse]
     reached = np.concatenate([D.nodes[~new], level.ends[rows.indices]])
-    nodes, place = np.unique(reached, return_inverse=True)
+    nodes, coarse = np.unique(reached, return_inverse=True)
     k = np.count_nonzero(~new)
-    at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
+    fine = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
     entries = np.concatenate([np.ones(k), rows.data])
-    P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
-    return SparsePart(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
+    P = sp.csr_array((entries, (fine, coarse)), shape=(len(D.nodes), len(nodes)))
+    return NodalMatrix(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
 
 
-def _minus(level: FinerSpace, D: SparsePart) -> sp.csr_array:
+def _subtract_from_level(level: FinerSpace, D: NodalMatrix) -> sp.csr_array:
     """The level's rows minus D, in the pattern of these rows, which contains that of D."""
     assert level.rows is not None
-    if level.smoothed is None:
-        return _less(level.rows, D.nodes, D)
+    if level.smoothed_nodes is None:
+        return _subtract_in_pattern(level.rows, D.nodes, D)
     place = np.full(level.n, -1, dtype=np.int32)
-    place[level.smoothed] = np.arange(len(level.smoothed), dtype=np.int32)
-    return _less(level.rows, place[D.nodes], D, level.columns)
+    place[level.smoothed_nodes] = np.arange(len(level.smoothed_nodes), dtype=np.int32)
+    return _subtract_in_pattern(level.rows, place[D.nodes], D, level.columns)
 
 
-def _less(A: sp.csr_array, rows: Index, D: SparsePart, columns: Int32 | None = None) -> sp.csr_array:
+def _subtract_in_pattern(
+    A: sp.csr_array, rows: Index, D: NodalMatrix, columns: Int32 | None = None
+) -> sp.csr_array:
     """A - D, where `rows` are the rows of A that belong to D's nodes, -1 for nodes without one.
 
-    Hats that are cut away keep their diagonal entry. `columns` are the nodes of A's columns, by default all.
-    The diagonal entry is in the column of the row.
+    Hats that are cut away keep their diagonal entry. In `A.indices` row r's diagonal entry has the number r;
+    `columns` (m,) gives these numbers' nodes in the numbering of D, by default the same.
     """
-    some = np.flatnonzero(rows >= 0)
-    if not len(some):
+    D_rows = np.flatnonzero(rows >= 0)
+    if not len(D_rows):
         return A
-    row = rows[some]
-    count = A.indptr[row + 1] - A.indptr[row]
-    place = np.arange(count.sum()) + np.repeat(A.indptr[row + 1] - np.cumsum(count), count)
-    column = A.indices[place] if columns is None else columns[A.indices[place]]
-    at = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
-    met = D.nodes[at] == column
-    data, of_D = A.data.copy(), np.zeros(len(place))
-    of_D[met] = np.asarray(sp.csr_matrix(D.values)[np.repeat(some, count)[met], at[met]]).ravel()
-    data[place] -= of_D
-    cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < CUT_AWAY * A.data[place])
-    data[place[cut_away]] = A.data[place[cut_away]]
+    # all entries of these rows of A: their places in A.data, and the nodes of their columns
+    A_rows = rows[D_rows]
+    count = A.indptr[A_rows + 1] - A.indptr[A_rows]
+    entry = np.arange(count.sum()) + np.repeat(A.indptr[A_rows + 1] - np.cumsum(count), count)
+    column = A.indices[entry] if columns is None else columns[A.indices[entry]]
+    D_column = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
+    in_D = D.nodes[D_column] == column
+    data = A.data.copy()
+    D_entries = np.zeros(len(entry))
+    D_entries[in_D] = np.asarray(
+        sp.csr_matrix(D.values)[np.repeat(D_rows, count)[in_D], D_column[in_D]]
+    ).ravel()
+    data[entry] -= D_entries
+    # all that is left of these hats is rounding: their diagonal stays as it was, so that no sweep divides by
+    # rounding
+    cut_away = (np.repeat(A_rows, count) == A.indices[entry]) & (
+        data[entry] < MIN_ENERGY_SHARE * A.data[entry]
+    )
+    data[entry[cut_away]] = A.data[entry[cut_away]]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)

@@ -9,30 +9,30 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unilateral.errors import InputError, StorageError, shown
+from unilateral.errors import InputError, StorageError, quote_input
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-HIDDEN = ".tmp"
+HIDDEN_SUFFIX = ".tmp"
 """The end of the names of folders in which files are written; git ignores them."""
-WRITABLE = 0o222
+WRITE_PERMISSIONS = 0o222
 """The permissions to write; a file that has none of them is kept, even from those who may write any file."""
-OVERHEAD = 2**20
+NETCDF_OVERHEAD_BYTES = 2**20
 """netCDF takes fewer bytes than this beside the values."""
-BAD_PLACE = (
+BAD_PLACE_ERRNOS = (
     *(errno.EACCES, errno.EPERM, errno.EROFS),
     *(errno.EEXIST, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP),
 )
 """Reasons of the system that another place helps against: what is forbidden, and what is no possible name."""
 
 
-def path_of(given: object, example: str) -> Path:
+def check_path(value: object, example: str) -> Path:
     """The path that is given as a text or a path; raises InputError, with an example, for anything else."""
-    name = os.fspath(given) if isinstance(given, os.PathLike) else given
+    name = os.fspath(value) if isinstance(value, os.PathLike) else value
     if not isinstance(name, str) or not name or "\0" in name:
-        raise InputError(f"{shown(repr(given))} is no name; give a text such as '{example}', or a Path")
+        raise InputError(f"{quote_input(repr(value))} is no name; give a text such as '{example}', or a Path")
     return Path(name)
 
 
@@ -41,10 +41,10 @@ def check_target(path: str | os.PathLike[str], endings: Mapping[str, Sequence[st
 
     It is raised, too, where one of the optional packages is missing that stand beside the ending.
     """
-    path = path_of(path, f"name{min(endings)}")
+    path = check_path(path, f"name{min(endings)}")
     if path.suffix not in endings:
-        *others, last = endings
-        raise InputError(f"{path}: the ending must be {', '.join(others)} or {last}")
+        *first_endings, last = endings
+        raise InputError(f"{path}: the ending must be {', '.join(first_endings)} or {last}")
     require(f"files that end in {path.suffix} need", *endings[path.suffix])
     check_writable(path)
 
@@ -66,7 +66,7 @@ def check_writable(path: Path) -> Path:
                 f"{path} cannot be written: it is {'a folder' if target.is_dir() else 'no file'}"
             )
         mode = target.stat().st_mode
-        if not mode & WRITABLE or not os.access(target, os.W_OK):
+        if not mode & WRITE_PERMISSIONS or not os.access(target, os.W_OK):
             raise InputError(
                 f"{path} cannot be written: it is write-protected; take another name, or allow it by "
                 f"chmod u+w {target}"
@@ -74,9 +74,9 @@ def check_writable(path: Path) -> Path:
     return target
 
 
-def writing_failed(path: Path, error: OSError) -> InputError:
-    """What is raised when the system refuses to write a file: StorageError unless the place is bad."""
-    kind = InputError if error.errno in BAD_PLACE else StorageError
+def make_write_error(path: Path, error: OSError) -> InputError:
+    """The error to raise where a file cannot be written: StorageError, or InputError for a bad place."""
+    kind = InputError if error.errno in BAD_PLACE_ERRNOS else StorageError
     return kind(f"{path} cannot be written: {error.strerror or error}")
 
 
@@ -90,32 +90,32 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(path)
     target = check_writable(path)
     try:
-        with hidden_beside(target) as folder:
+        with make_hidden_folder(target) as folder:
             yield folder / path.name
             for file in sorted(folder.iterdir()):
                 os.replace(file, target if file.name == path.name else target.parent / file.name)
     except OSError as error:
-        raise writing_failed(path, error) from error
+        raise make_write_error(path, error) from error
 
 
 @contextmanager
-def hidden_beside(path: Path) -> Iterator[Path]:
+def make_hidden_folder(path: Path) -> Iterator[Path]:
     """A new folder beside a path, which is removed at the end, after an interrupt too.
 
     Its name is known before it is there, and removing it begins again if an interrupt comes in between.
     """
-    folder = path.parent / f".{path.name}.{os.urandom(8).hex()}{HIDDEN}"
+    folder = path.parent / f".{path.name}.{os.urandom(8).hex()}{HIDDEN_SUFFIX}"
     try:
         folder.mkdir(mode=0o700)
         yield folder
     finally:
         try:
-            _remove(folder)
+            _remove_folder(folder)
         finally:
-            _remove(folder)
+            _remove_folder(folder)
 
 
-def _remove(folder: Path) -> None:
+def _remove_folder(folder: Path) -> None:
     """A folder with all in it, if it is there; `shutil.rmtree` makes an OSError of an interrupt."""
     for inner, _, files in os.walk(folder, topdown=False):
         for file in files:
@@ -132,11 +132,11 @@ def write_netcdf(table: Dataset, path: Path, **options: Any) -> None:
     try:
         table.to_netcdf(path, engine="netcdf4", **options)
     except (OSError, RuntimeError):
-        path.write_bytes(bytes(table.nbytes + OVERHEAD))
+        path.write_bytes(bytes(table.nbytes + NETCDF_OVERHEAD_BYTES))
         raise
 
 
-def sized(*files: str | os.PathLike[str]) -> str:
+def format_file_size(*files: str | os.PathLike[str]) -> str:
     """The size of files together, such as 12 kB."""
     size = float(sum(os.path.getsize(file) for file in files))
     for unit in ("B", "kB", "MB"):

@@ -8,9 +8,9 @@ from threading import Thread
 from time import monotonic
 from typing import TypeVar
 
-T = TypeVar("T")
+Result = TypeVar("Result")
 
-WAIT = 0.05
+POLL_SECONDS = 0.05
 """Seconds between two looks at the thread; Ctrl-C is heard between them on every system."""
 
 
@@ -18,30 +18,32 @@ class OutOfTime(Exception):
     """A function did not end within its limit."""
 
 
-def limited(function: Callable[[], T], seconds: float) -> T:
-    """What the function returns, or what it raises; OutOfTime after so many seconds.
+def run_with_limit(function: Callable[[], Result], seconds: float) -> Result:
+    """Result of a function, or its exception; OutOfTime after so many seconds.
 
     It runs in a thread, which ends at its next line of Python. This works in any thread and on any system,
     unlike signals. A function that never returns to Python runs until the program ends, and one that holds
     Python's lock meanwhile is not limited.
     """
-    returned, raised = list[T](), list[BaseException]()
+    returned = list[Result]()
+    raised = list[BaseException]()
 
-    def run() -> None:
+    def run_function() -> None:
+        """Keeps the result or the exception for the caller's thread."""
         try:
             returned.append(function())
         except BaseException as error:
             raised.append(error)
 
-    thread = Thread(target=run, daemon=True)
+    thread = Thread(target=run_function, daemon=True)
     thread.start()
     end = monotonic() + seconds
     try:
         while thread.is_alive() and monotonic() < end:
-            thread.join(WAIT)
+            thread.join(POLL_SECONDS)
     finally:
         late = thread.is_alive()
-        if late:
+        if late:  # an exception that Python raises in that thread at its next line
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit)
             )

@@ -18,9 +18,10 @@ else:
     psutil = None
 
 BYTES_PER_MB = 2**20
-UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
+MAXRSS_UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
 """How many units of ru_maxrss a MB has, see getrusage(2)."""
-TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+TRIM_THRESHOLD = -1
+MMAP_THRESHOLD = -3
 """The numbers of these parameters for mallopt(3)."""
 CGROUP = Path("/sys/fs/cgroup")
 """The folder of this process's cgroup, as a container sees it."""
@@ -32,36 +33,37 @@ def forget_peak() -> None:
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
-def keep_freed() -> None:
+def keep_freed_memory() -> None:
     """Large arrays that are freed from now on stay with this process, if the C library is glibc.
 
     The next arrays then need no new pages, which may take longer to get than to compute what is put there.
     """
     with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows has no library of that name
         mallopt = ctypes.CDLL(None).mallopt
-        mallopt(MMAP_THRESHOLD, 2**25)
-        mallopt(TRIM_THRESHOLD, 2**31 - 1)
+        mallopt(MMAP_THRESHOLD, 2**25)  # glibc's largest: up to here memory comes from the heap
+        mallopt(TRIM_THRESHOLD, 2**31 - 1)  # the largest int: up to 2 GB stay on the heap
 
 
 def peak_mb() -> float:
     """The peak in MB, since it was last forgotten."""
     if psutil:
         return float(psutil.Process().memory_info().peak_wset) / BYTES_PER_MB
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNITS_PER_MB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MAXRSS_UNITS_PER_MB
 
 
 def available_mb() -> float:
-    """What this process can take without swapping, in MB, on the machine and within its container's limit."""
+    """Memory in MB that this process can take without swapping, within its container's limit."""
     return min(_machine_mb(), _container_mb())
 
 
 def _container_mb() -> float:
-    """What cgroup v2 lets this process take (see its memory.max), infinite without a limit.
+    """Memory in MB that cgroup v2 still lets this process take, infinite without a limit.
 
     Cached files count as free.
     """
     try:
-        limit, used = (int((CGROUP / f"memory.{name}").read_text("ascii")) for name in ("max", "current"))
+        limit = int((CGROUP / "memory.max").read_text("ascii"))
+        used = int((CGROUP / "memory.current").read_text("ascii"))
         cached = re.search(
             r"^inactive_file (\d+)$", (CGROUP / "memory.stat").read_text("ascii"), re.MULTILINE
         )

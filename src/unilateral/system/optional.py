@@ -25,21 +25,21 @@ def require(task: str, *packages: str) -> None:
 
     >>> require("pictures need", "matplotlib")
     """
-    missing = lacking(*packages)
+    missing = find_missing_packages(*packages)
     if missing:
         named = " and ".join(filter(None, [", ".join(missing[:-1]), missing[-1]]))
-        raise InputError(f"{task} {named}; type: pip install '{wanted(*missing)}'")
+        raise InputError(f"{task} {named}; type: pip install '{name_requirement(*missing)}'")
 
 
-def lacking(*packages: str) -> list[str]:
-    """Those of the packages that are not installed, in alphabetical order."""
+def find_missing_packages(*packages: str) -> list[str]:
+    """Names of the packages that are not installed, in alphabetical order."""
     return sorted(name for name in {*packages} if find_spec(name) is None)
 
 
-def wanted(*packages: str) -> str:
-    """This project with the extras that bring these packages.
+def name_requirement(*packages: str) -> str:
+    """The project's requirement with the extras that bring these packages.
 
-    >>> wanted("gmsh", "xarray", "pandas")
+    >>> name_requirement("gmsh", "xarray", "pandas")
     'unilateral[files,mesh]'
     """
     return f"unilateral[{','.join(sorted({EXTRAS[name] for name in packages}))}]"

@@ -9,23 +9,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-INTERRUPTED = 130
-TERMINATED = 128 + signal.SIGTERM
+EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 128 + signal.SIGTERM
 
 
-def leave(*_: object) -> NoReturn:
+def exit_at_once(*_: object) -> NoReturn:
     """Ends the program at once, after an interrupt."""
-    _tell("interrupted")
-    os._exit(INTERRUPTED)
+    _write_message("interrupted")
+    os._exit(EXIT_INTERRUPTED)
 
 
-def leave_when_interrupted() -> None:
+def exit_on_interrupt() -> None:
     """Makes interrupts end the program at once, from now on.
 
     If interrupts are ignored, as those of a command in the background are, they stay so.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, leave)
+        signal.signal(signal.SIGINT, exit_at_once)
 
 
 @contextmanager
@@ -49,22 +49,22 @@ def keeping_handlers() -> Iterator[None]:
 
     Libraries written in C reset some without Python knowing: gmsh those of SIGTERM and SIGPIPE.
     """
-    known = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
     try:
         yield
     finally:
         if threading.current_thread() is threading.main_thread():  # only that one may set handlers
-            for number, handler in known.items():
+            for number, handler in handlers.items():
                 if handler not in (None, signal.SIG_DFL):  # which others, such as faulthandler, may have set
                     signal.signal(number, handler)
 
 
 def _terminate(*_: object) -> NoReturn:
-    _tell("terminated")
-    raise SystemExit(TERMINATED)
+    _write_message("terminated")
+    raise SystemExit(EXIT_TERMINATED)
 
 
-def _tell(what: str) -> None:
+def _write_message(message: str) -> None:
     """One line on standard error, by a call that a signal handler may make."""
     with suppress(OSError):
-        os.write(2, f"unilateral: {what}\n".encode())
+        os.write(2, f"unilateral: {message}\n".encode())

@@ -18,7 +18,7 @@ def fitted():
     columns = {name: ((*dims, "pair"), values) for name, values in pairs.items()}
     columns |= {"proved": (dims, one), "expected": (dims, 1.5 * one)}
     columns |= {"verdict": (dims, np.full((1, 3, 1), "holds")), "why": (dims, np.full((1, 3, 1), ""))}
-    return xr.Dataset(columns, {"case": ["made_up"], "norm": [*curves.NORMS], "h_over_H": [0.5]})
+    return xr.Dataset(columns, {"case": ["made_up"], "norm": [*curves.ERROR_NORMS], "h_over_H": [0.5]})
 
 
 def test_curves_hold_the_numbers_of_the_tables():
@@ -29,9 +29,9 @@ def test_curves_hold_the_numbers_of_the_tables():
         {name: (("case", "mesh"), [[value]]) for name, value in over.items()} | {"H": ("mesh", [0.5])},
         {"case": ["made_up"], "h": ("mesh", [0.25])},
     )
-    u, of_lambda, in_l2 = curves.curves("scene", errors, fitted(), totals)
+    u, of_lambda, in_l2 = curves.collect_curves("scene", errors, fitted(), totals)
     assert [(of["norm"], of["ratio"], of["scene"], of["case"]) for of in (u, of_lambda, in_l2)] == [
-        (norm, "1/2", "scene", "made_up") for norm in curves.NORMS
+        (norm, "1/2", "scene", "made_up") for norm in curves.ERROR_NORMS
     ]
     assert [level["error"] for level in u["levels"]] == [6, 3, 1.5]
     bounds = [(level.get("sharp"), level.get("cheap")) for level in u["levels"]]
@@ -42,10 +42,11 @@ def test_curves_hold_the_numbers_of_the_tables():
     ]
     assert (u["proved"], u["expected"], u["observed"]) == (1, 1.5, "1.00 of 1.5 (1 pair)")
     assert not u["exact"]
-    level, upper = of_lambda["levels"][1], 3 * np.sqrt(2 - 0.8**2)
+    level = of_lambda["levels"][1]
+    upper = 3 * np.sqrt(2 - 0.8**2)
     assert (level["lower"], level["error"]) == (2.4, 3)
     for name, exact in {"upper": upper, "sharp": 2 * upper, "cheap": 3 * upper}.items():
         assert exact <= level[name] < 1.001 * exact
     assert not any("sharp" in level for level in in_l2["levels"])
-    without = curves.curves("scene", errors, fitted(), None)[0]
+    without = curves.collect_curves("scene", errors, fitted(), None)[0]
     assert not any("sharp" in level for level in without["levels"])

@@ -27,8 +27,8 @@ DOCUMENTS = [
 @pytest.fixture(scope="module")
 def told():
     """The numbers, the blocks and the claims that hold, as they are stored."""
-    stored = [records.read(ROOT / f"results/{name}.json") for name in ("numbers", "blocks", "claims")]
-    return *stored[:2], verdicts.holding(stored[2])
+    stored = [records.read_records(ROOT / f"results/{name}.json") for name in ("numbers", "blocks", "claims")]
+    return *stored[:2], verdicts.holds_by_claim(stored[2])
 
 
 def text(document):
@@ -36,7 +36,7 @@ def text(document):
 
 
 def test_every_document_is_filled_by_the_study():
-    study, _ = config.read([str(ROOT / file) for file in CONFIG])
+    study, _ = config.read_configuration([str(ROOT / file) for file in CONFIG])
     assert study["documents"] == DOCUMENTS
 
 
@@ -44,7 +44,7 @@ def test_every_document_is_filled_by_the_study():
 def test_a_document_is_what_the_pipeline_writes(tmp_path, document, told):
     copy = tmp_path / Path(document).name
     copy.write_text(text(document), encoding="utf-8")
-    marks.fill(copy, *told)
+    marks.fill_document(copy, *told)
     assert copy.read_text(encoding="utf-8") == text(document), (
         f"{document} is not up to date; run 'snakemake -j2 -f documents'"
     )
@@ -55,7 +55,7 @@ def test_another_number_would_be_noticed(tmp_path, told):
     copy = tmp_path / "README.md"
     copy.write_text(text("README.md"), encoding="utf-8")
     found, tables, holding = told
-    marks.fill(copy, {**found, "claims.S.edges.observed": 0.25}, tables, holding)
+    marks.fill_document(copy, {**found, "claims.S.edges.observed": 0.25}, tables, holding)
     assert "-->0.25<!--/-->" in copy.read_text(encoding="utf-8")
     assert copy.read_text(encoding="utf-8") != text("README.md")
 
@@ -79,7 +79,7 @@ def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim, t
         with pytest.raises(
             InputError, match=rf"{copy.name}, line \d+, '.+': claim {re.escape(claim)}, .* does not hold"
         ):
-            marks.fill(copy, found, tables, {**holding, claim: False})
+            marks.fill_document(copy, found, tables, {**holding, claim: False})
 
 
 def test_the_recommendation_rests_on_the_claim_of_its_exception():
@@ -105,14 +105,14 @@ def test_links_to_other_pages_lead_somewhere():
 
 def test_columns_are_aligned_unless_the_table_is_wide():
     narrow = pd.DataFrame({"a": ["1.50", "10"], "b|": ["x", "$\\|y\\|$"]})
-    lines = numbers.markdown(narrow).splitlines()
+    lines = numbers.format_markdown(narrow).splitlines()
     assert lines[2:] == ["| 1.50 | x       |", "| 10   | $\\|y\\|$ |"]
     wide = pd.DataFrame({"a": ["1.50", "10"], "b": ["x", "y" * 200]})
-    assert numbers.markdown(wide).splitlines()[2:] == ["| 1.50 | x |", f"| 10 | {'y' * 200} |"]
+    assert numbers.format_markdown(wide).splitlines()[2:] == ["| 1.50 | x |", f"| 10 | {'y' * 200} |"]
 
 
 def test_names_lead_through_groups():
-    assert numbers.flat({"a": {"b": 1, "c": {"d": "x"}}, "e": 2.0, "f": [3]}) == {
+    assert numbers.flatten_groups({"a": {"b": 1, "c": {"d": "x"}}, "e": 2.0, "f": [3]}) == {
         "a.b": 1,
         "a.c.d": "x",
         "e": 2.0,
@@ -130,5 +130,5 @@ def test_claims_are_counted_and_those_with_a_margin():
     """By hand: of four claims one has no check, and one requires 0, to which no margin is relative."""
     derived = {"source": "derived: it is so", "expected": ">= 2", "margin": 0.5}
     none = dict.fromkeys(("source", "expected", "margin"))
-    found = numbers.ledger([derived, derived, {**derived, "expected": "<= 0"}, none])
+    found = numbers.count_claims([derived, derived, {**derived, "expected": "<= 0"}, none])
     assert (found["all"], found["unmeasured"], found["margins"]) == (3, 1, 2)

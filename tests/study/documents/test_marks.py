@@ -7,7 +7,8 @@ from study import formats
 from study.documents import marks
 from unilateral.errors import InputError
 
-BEGIN, END = "<!-- rates: begin -->", "<!-- rates: end -->"
+BEGIN = "<!-- rates: begin -->"
+END = "<!-- rates: end -->"
 OTHER = "<!-- cost: begin -->\nb\n<!-- cost: end -->\n"
 NUMBERS = {
     "beta.worst": 0.1874,
@@ -27,9 +28,9 @@ def page(tmp_path):
     def fill(text, blocks=BLOCKS):
         file = tmp_path / "page.md"
         file.write_text(text, encoding="utf-8")
-        marks.fill(file, NUMBERS, blocks, CLAIMS)
+        marks.fill_document(file, NUMBERS, blocks, CLAIMS)
         once = file.read_text(encoding="utf-8")
-        marks.fill(file, NUMBERS, blocks, CLAIMS)
+        marks.fill_document(file, NUMBERS, blocks, CLAIMS)
         assert file.read_text(encoding="utf-8") == once
         assert list(tmp_path.iterdir()) == [file]
         return once
@@ -52,7 +53,7 @@ def test_a_number_is_set_in_its_format_and_its_marks_stay(page):
         "It is <!--=beta.worst:.2g-->0.19<!--/-->, h = <!--=cost.h:1/n-->1/16<!--/-->, "
         "<!--=label-->worst found<!--/-->.\n"
     )
-    assert marks.without_marks(found) == "It is 0.19, h = 1/16, worst found.\n"
+    assert marks.remove_marks(found) == "It is 0.19, h = 1/16, worst found.\n"
 
 
 def test_an_edit_is_told_from_what_is_filled_in(page, tmp_path):
@@ -64,7 +65,7 @@ def test_an_edit_is_told_from_what_is_filled_in(page, tmp_path):
     digests = []
     for text in (given, filled, *edits):
         (tmp_path / "page.md").write_text(text, encoding="utf-8")
-        digests.append(marks.written(tmp_path / "page.md"))
+        digests.append(marks.digest_prose(tmp_path / "page.md"))
     assert digests[0] == digests[1]
     assert len(set(digests)) == 5
 
@@ -146,17 +147,17 @@ def test_what_does_not_fit_is_refused_and_the_file_is_kept(tmp_path, text, said)
     file = tmp_path / "page.md"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=rf"^[^\n]*page\.md[^\n]*{said}[^\n]*$"):
-        marks.fill(file, NUMBERS, BLOCKS, CLAIMS)
+        marks.fill_document(file, NUMBERS, BLOCKS, CLAIMS)
     assert file.read_text(encoding="utf-8") == text
     assert list(tmp_path.iterdir()) == [file]
 
 
 def test_a_document_that_is_not_there_or_no_text_is_refused(tmp_path):
     with sentences.raises(InputError):
-        marks.fill(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
+        marks.fill_document(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
     (tmp_path / "page.md").write_bytes(b"\xff")
     with sentences.raises(InputError):
-        marks.fill(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
+        marks.fill_document(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
 
 
 def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
@@ -164,7 +165,7 @@ def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
     file = tmp_path / "page.md"
     file.write_text(f"{BEGIN}\n{END}\nIt is <!--=no-->9<!--/-->.\n")
     with sentences.raises(InputError):
-        marks.fill(file, NUMBERS, {"rates": "a\nb\nc"}, CLAIMS)
+        marks.fill_document(file, NUMBERS, {"rates": "a\nb\nc"}, CLAIMS)
 
 
 @pytest.mark.parametrize(
@@ -190,7 +191,7 @@ def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
     ],
 )
 def test_formats(value, spec, shown):
-    assert formats.shown(value, spec) == shown
+    assert formats.format_value(value, spec) == shown
 
 
 @pytest.mark.parametrize(
@@ -198,4 +199,4 @@ def test_formats(value, spec, shown):
 )
 def test_formats_that_do_not_fit(value, spec):
     with pytest.raises(ValueError, match=r"Invalid|Unknown|it is"):
-        formats.shown(value, spec)
+        formats.format_value(value, spec)

@@ -85,11 +85,12 @@ def typesetter(folder):
     (folder / "one.svg").write_text(PICTURE)
     (folder / "other.md").write_text(OTHER)
     templates = [ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.html", "paper.typ")]
-    html, pdf = folder / "paper.html", folder / "paper.pdf"
+    html = folder / "paper.html"
+    pdf = folder / "paper.pdf"
 
     def run(text):
         (folder / "paper.md").write_text(text, encoding="utf-8")
-        typesetting.typeset(folder / "paper.md", *templates, html, pdf)
+        typesetting.typeset_paper(folder / "paper.md", *templates, html, pdf)
         return html.read_text(encoding="utf-8"), pdf.read_bytes()
 
     return run
@@ -139,7 +140,7 @@ def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp
     def printed(proof):
         text = f"{FRONT}# One {{#sec-one}}\n\n::: {{.proof}}\n{proof}\n:::\n\nMore.\n"
         templates = (ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.typ"))
-        return typesetting._converted(text, tmp_path / "paper.md", "typst", *templates)
+        return typesetting._convert_markdown(text, tmp_path / "paper.md", "typst", *templates)
 
     assert "Obvious.#qed\n\n]" in printed("*Proof.* Obvious.")
     assert re.search(r"^\+ Two\.\n+#qed\n+\]", printed("1. One.\n2. Two."), re.MULTILINE)
@@ -193,7 +194,8 @@ def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest
 
 def test_a_head_that_does_not_fit_its_column_is_refused(typeset):
     """Heads are not hyphenated. Three words of 48 letters do not fit into a line."""
-    long, narrow = ("multiplicity " * 3).split(), "| a " * 5
+    long = ("multiplicity " * 3).split()
+    narrow = "| a " * 5
     heads = f"{narrow}| {' | '.join(long)} |"
     cells = "| a longer sentence in a cell " * 7 + f"| {'a ' * 30}|"
     wide = f"{heads}\n{'|---' * 8}|\n{cells}\n\n: What it lists. {{#tbl-wide}}\n"

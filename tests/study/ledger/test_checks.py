@@ -19,7 +19,7 @@ from unilateral.errors import InputError
 
 def number(observed):
     """That has to be 1 at least."""
-    return evidence.worst({"a": observed}, "", 1.0, True)
+    return evidence.pick_worst({"a": observed}, "", 1.0, True)
 
 
 def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged():
@@ -28,23 +28,23 @@ def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged():
         ({"a": 1.0, "b": NAN, "c": NAN, "d": INF}, "the gap is not known of b; c"),
     ):
         with pytest.raises(Unjudged, match=said):
-            evidence.worst(values, "the gap", 0.0, True)
-    assert evidence.worst({"a": 1.0, "b": INF}, "", 0.0, False).observed == INF
-    assert evidence.worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
-    assert evidence.worst({"a": 1.0, "b": 2.0}, "", 0.0, False).observed == 2
+            evidence.pick_worst(values, "the gap", 0.0, True)
+    assert evidence.pick_worst({"a": 1.0, "b": INF}, "", 0.0, False).observed == INF
+    assert evidence.pick_worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
+    assert evidence.pick_worst({"a": 1.0, "b": 2.0}, "", 0.0, False).observed == 2
 
 
 def test_of_a_statement_in_parts_the_first_that_fails_is_told():
     parts = [number(observed) for observed in (3.0, 2.0, 0.5, 0.25)]
-    assert evidence.all_of(*parts) is parts[2]
-    assert evidence.all_of(*parts[:2]) is parts[0]
+    assert evidence.require_all(*parts) is parts[2]
+    assert evidence.require_all(*parts[:2]) is parts[0]
 
 
 def test_faults_are_a_verdict_of_their_own_only_where_the_number_would_pass():
-    assert evidence.provided(number(0.5), ["fault"]) == number(0.5)
-    assert evidence.provided(number(1.0), []) == number(1.0)
+    assert evidence.require_preconditions(number(0.5), ["fault"]) == number(0.5)
+    assert evidence.require_preconditions(number(1.0), []) == number(1.0)
     with pytest.raises(Unjudged, match=r"^one fault; another$"):
-        evidence.provided(number(1.0), ["one fault", "another"])
+        evidence.require_preconditions(number(1.0), ["one fault", "another"])
 
 
 # Expressions
@@ -90,7 +90,8 @@ def test_the_worst_value_of_an_expression_by_rows(parameters, lines):
 
 def test_values_along_a_ratio_are_those_of_the_pairs_with_it():
     """h = 1/2, 1/4, 1/8 and H = 1, 5/8, 1/2: H = 2h at (0, 0) and (1, 2), and nearly so elsewhere."""
-    h, H = np.array([1 / 2, 1 / 4, 1 / 8]), np.array([1, 5 / 8, 1 / 2])
+    h = np.array([1 / 2, 1 / 4, 1 / 8])
+    H = np.array([1, 5 / 8, 1 / 2])
     x = (("mesh", "partition"), np.arange(9.0).reshape(3, 3))
     given = table(x=x, h_over_H=h[:, None] / H, H=H)
     check = partial(shared.worst, table="t", value="x", quantity="", H_over_h=2, at_least=0)
@@ -107,4 +108,6 @@ def test_parts_share_what_they_do_not_say_themselves():
     """3 is at least 2, and 7 is not at most 6; the first part is told if both hold."""
     check = partial(shared.all_of, table="t", value="x", quantity="q")
     for most, expected in ((6, (7, False)), (7, (3, True))):
-        observes(partial(check, parts=[{"at_least": 2}, {"at_most": most, "quantity": "p"}]), MADE, expected)
+        observes(
+            partial(check, statements=[{"at_least": 2}, {"at_most": most, "quantity": "p"}]), MADE, expected
+        )

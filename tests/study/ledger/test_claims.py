@@ -23,17 +23,17 @@ from study.ledger import claims, controls, entries, listing, records
 from study.ledger import results as of_study
 from study.ledger.claims import Judgement
 from study.ledger.results import Results
-from study.ledger.texts import plain
-from study.scenes import is_clamped
+from study.ledger.texts import strip_tex
+from study.scenes import has_clamped_sides
 from unilateral import cli
 from unilateral.errors import InputError, StorageError
-from unilateral.formulas.formula import real
-from unilateral.geometry.polygon import named
+from unilateral.formulas.formula import parse_real
+from unilateral.geometry.polygon import find_polygon
 from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
-from unilateral.problems.case_certificate import certify
+from unilateral.problems.case_certificate import certify_case
 
-ALL = {claim.id: claim for claim in claims.ledger()}
+ALL = {claim.id: claim for claim in claims.load_ledger()}
 LEDGER = {name: claim for name, claim in ALL.items() if not claim.unmeasured}
 STATEMENTS = re.findall(  # of the paper, that the ledger must not leave out
     r"\S+",
@@ -61,16 +61,16 @@ class Recording(Results):
 
 def judged(name, **spoil):
     """A claim by the stored results, spoilt or not."""
-    tables = controls.spoilt(results(), spoil) if spoil else results()
-    return claims.judge(tables, [LEDGER[name]])[0]
+    tables = controls.spoil_results(results(), spoil) if spoil else results()
+    return claims.judge_all(tables, [LEDGER[name]])[0]
 
 
 def test_the_ledger_has_every_statement_once():
     """And no claim that holds says that it does not."""
-    ids = [claim.id for claim in claims.ledger()]
+    ids = [claim.id for claim in claims.load_ledger()]
     assert len(ids) == len(set(ids))
     assert set(STATEMENTS) <= set(ids)
-    assert all(records.holds(claim.verdict) for claim in LEDGER.values())
+    assert all(records.verdict_holds(claim.verdict) for claim in LEDGER.values())
 
 
 @pytest.mark.parametrize("change", ["in no section", "in two sections", "declared twice", "declared nowhere"])
@@ -88,25 +88,31 @@ def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, c
             (found["claims"].append if change == "declared twice" else found["claims"].remove)(one)
         return found
 
-    read = entries.own
-    assert len(entries.entries()) > 100
-    monkeypatch.setattr(entries, "own", own)
+    read = entries.read_stored_yaml
+    assert len(entries.read_entries()) > 100
+    monkeypatch.setattr(entries, "read_stored_yaml", own)
     with sentences.raises(InputError):
-        entries.entries()
+        entries.read_entries()
 
 
 GENERAL = ("id", "section", "title", "statement", "where")
 ENTRY = {
     **dict.fromkeys((*GENERAL, "verdict"), "x"),
-    **{"id": "4.x", "check": "scenes.rate", "source": "derived: x", "reads": [], "control": {"what": "x"}},
+    **{
+        "id": "4.x",
+        "check": "scenes.theorem_rate",
+        "source": "derived: x",
+        "reads": [],
+        "control": {"what": "x"},
+    },
 }
 
 
 @pytest.mark.parametrize(
     "changed",
     [
-        {"check": "scenes.rates"},
-        {"check": "rates.rate"},
+        {"check": "scenes.theorem_rates"},
+        {"check": "rates.theorem_rate"},
         {"contol": {}},
         {"source": "derived by hand"},
         {"unmeasured": "x"},
@@ -114,28 +120,29 @@ ENTRY = {
 )
 def test_an_entry_that_is_no_claim_is_told_by_its_id(changed):
     """Control: as it was it is one."""
-    assert claims.declared(ENTRY).id == "4.x"
-    assert claims.declared({**{of: "x" for of in GENERAL}, "unmeasured": "x"}).unmeasured == "x"
+    assert claims.read_claim(ENTRY).id == "4.x"
+    assert claims.read_claim({**{of: "x" for of in GENERAL}, "unmeasured": "x"}).unmeasured == "x"
     with sentences.raises(InputError):
-        claims.declared({**ENTRY, **changed})
+        claims.read_claim({**ENTRY, **changed})
 
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_claim_has_its_verdict_by_the_tables_that_it_names_and_no_others(name):
     """The pipeline feeds the ledger by these names."""
     recording = Recording()
-    judgement = claims.judge(recording, [LEDGER[name]])[0]
-    assert judgement.holds, "\n" + listing.explanation(judgement)
+    judgement = claims.judge_all(recording, [LEDGER[name]])[0]
+    assert judgement.holds, "\n" + listing.explain_claim(judgement)
     assert recording.asked == set(LEDGER[name].reads)
 
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_control_turns_it_to_fails(name):
     judgement = judged(name, **LEDGER[name].control)
-    assert judgement.verdict == records.FAILS, "\n" + listing.explanation(judgement)
+    assert judgement.verdict == records.FAILS, "\n" + listing.explain_claim(judgement)
 
 
-FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
+FINEST = {"value": np.nan, "at": {"mesh": -1}}
+FAILING = {"value": "fails", "at": {"case": 0}}
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
     ("1.2h", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
     ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
@@ -158,7 +165,7 @@ def test_a_claim_whose_check_has_nothing_to_rest_on_is_not_judged(name, table, v
     record = judgement.record()
     assert record["verdict"] == judgement.verdict
     assert [record[of] for of in ("quantity", "expected", "observed", "margin")] == 4 * [None]
-    assert verdicts.holding([record]) == {name: False}
+    assert verdicts.holds_by_claim([record]) == {name: False}
 
 
 EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
@@ -171,7 +178,7 @@ def stored_in(folder, *judgements):
 
 
 def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(of_study, "Results", lambda *_, **__: controls.spoilt(results(), EDGES))
+    monkeypatch.setattr(of_study, "Results", lambda *_, **__: controls.spoil_results(results(), EDGES))
     reason = "the smallest beta with 2 edges in every cell is not known of betaworst"
     assert cli.main(["claims", "S.edges"]) == 1
     text = capsys.readouterr().out
@@ -191,21 +198,22 @@ def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
     for spoil, kept in (({}, True), (EDGES, False)):
         found = [judged("S.edges", **spoil).record()]
         with nullcontext() if kept else sentences.raises(InputError):
-            marks.fill(page, {}, {}, verdicts.holding(found))
+            marks.fill_document(page, {}, {}, verdicts.holds_by_claim(found))
 
 
-RATES, STUDY = config("rates")["rates"], config("study")
+RATES = config("rates")["rates"]
+STUDY = config("study")
 
 
 def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
     """H/h, also of the study of cost, and the tolerances of rates."""
-    ratios = {"cost": real(STUDY["cost"]["base"]["H_over_h"], "")}
+    ratios = {"cost": parse_real(STUDY["cost"]["base"]["H_over_h"], "")}
     tolerances = {norm: declared["tolerance"] for norm, declared in RATES["norms"].items()}
     found = 0
     for claim in LEDGER.values():
         given = {**claim.parameters, **claim.parameters.get("select", {})}
         if "H_over_h" in given:
-            ratio = ratios.get(claim.section, 1 / real(RATES["judged_ratio"], ""))
+            ratio = ratios.get(claim.section, 1 / parse_real(RATES["judged_ratio"], ""))
             assert given["H_over_h"] == ratio, claim.id
         for norm, tolerance in given.get("tolerances", {}).items():
             assert tolerance == tolerances[norm], claim.id
@@ -231,13 +239,14 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
     declared = [case for scene in STUDY["adaptive"]["scenes"] for case in scene["cases"]]
     assert LEDGER["A.rate"].parameters["cases"] == declared
     assert LEDGER["A.index"].parameters["select"]["case"] == [
-        each for each in declared if not is_clamped(each)
+        each for each in declared if not has_clamped_sides(each)
     ]
 
 
 def exact_orders(scene):
     """p of Proposition S9 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
-    polygon, side = named(STUDY["scenes"][scene]["polygon"]), STUDY["scenes"][scene].get("side", 0)
+    polygon = find_polygon(STUDY["scenes"][scene]["polygon"])
+    side = STUDY["scenes"][scene].get("side", 0)
     if polygon.angles.max() >= np.pi:
         return {}
     cases = [load(name, polygon.name, side) for name in STUDY["totals"]["scenes"][scene]]
@@ -247,9 +256,9 @@ def exact_orders(scene):
         if case.gap_order <= 3 / 2
         else 1.5
         if rates[case.name] == "exact"
-        else real(rates[case.name], "")
+        else parse_real(rates[case.name], "")
         for case in cases
-        if certify(case).hypotheses["j"]
+        if certify_case(case).hypotheses["j"]
     }
 
 
@@ -258,8 +267,9 @@ def test_bounds_become_exact_in_all_cases_of_proposition_s7():
 
     The gap is in C1 if its order is above 3/2.
     """
-    claim, scenes = LEDGER["F.exact"].parameters, STUDY["totals"]["scenes"]
-    scenes = [scene for scene, cases in scenes.items() if not is_clamped(cases[0])]
+    claim = LEDGER["F.exact"].parameters
+    scenes = STUDY["totals"]["scenes"]
+    scenes = [scene for scene, cases in scenes.items() if not has_clamped_sides(cases[0])]
     orders = {scene: exact_orders(scene) for scene in scenes}
     assert claim["scenes"] == [scene for scene in scenes if orders[scene]]
     assert claim["orders"] == {case: order for of in orders.values() for case, order in of.items()}
@@ -270,7 +280,7 @@ def failing(changed, judged):
     """Those of the claims that fail by the stored results with other tables for some."""
     return {
         each.claim.id
-        for each in claims.judge(Results(RESULTS, results() | changed), judged)
+        for each in claims.judge_all(Results(RESULTS, results() | changed), judged)
         if not each.holds
     }
 
@@ -356,8 +366,8 @@ def test_margins_by_hand(observed, required, at_least, margin):
 )
 def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, shown):
     found = made_up(observed, required, True)
-    assert f"margin {shown}\n" in listing.explanation(found)
-    line = list(listing.table([found.record()]))[2]
+    assert f"margin {shown}\n" in listing.explain_claim(found)
+    line = list(listing.list_claims([found.record()]))[2]
     assert re.search(rf"  {re.escape(shown)} +{found.verdict.replace('fails', 'FAILS')}$", line)
 
 
@@ -379,7 +389,7 @@ def test_all_claims_stand_below_their_sections_with_their_titles(capsys):
     assert [line[:-1] for line in lines if line.endswith(":")] == SECTIONS
     shown = {line.split()[0]: line for line in lines if not line.endswith(":")}
     assert list(shown) == list(ALL)
-    assert all(plain(ALL[name].title) in line for name, line in shown.items())
+    assert all(strip_tex(ALL[name].title) in line for name, line in shown.items())
     assert (
         told
         == f"{len(ALL)} claims: {len(LEDGER)} hold; in {len(ALL) - len(LEDGER)} there is nothing to measure."
@@ -389,8 +399,9 @@ def test_all_claims_stand_below_their_sections_with_their_titles(capsys):
 @pytest.mark.parametrize("width", [80, 100, 200])
 def test_all_claims_fit_a_terminal(width):
     """No word is lost. Control: without a width some verdicts are longer."""
-    stored = listing.stored(RESULTS)
-    lines, unbroken = list(listing.table(stored, width)), list(listing.table(stored))
+    stored = listing.read_claim_records(RESULTS)
+    lines = list(listing.list_claims(stored, width))
+    unbroken = list(listing.list_claims(stored))
     assert max(map(len, lines)) <= width < max(map(len, unbroken))
     begin = lines[0].index("verdict")
     verdicts = " ".join(line[begin:] for line in lines[:-3] if not line.endswith(":"))
@@ -401,19 +412,19 @@ def test_all_claims_fit_a_terminal(width):
 def test_stored_claims_are_those_that_the_manifest_lists(tmp_path):
     """Controls: without a manifest, and with the right digest, they are read."""
     folder = stored_in(tmp_path, judged("4.14"))
-    assert [each["id"] for each in listing.stored(folder)] == ["4.14"]
+    assert [each["id"] for each in listing.read_claim_records(folder)] == ["4.14"]
     right = hashlib.sha256((tmp_path / "claims.json").read_bytes()).hexdigest()
     for digest, fits in ((right, True), ("0" * 64, False)):
         listed = {"path": "results/claims.json", "sha256": digest}
         (tmp_path / "manifest.json").write_text(json.dumps({"files": [listed]}))
         with nullcontext() if fits else pytest.raises(StorageError, match="another version"):
-            listing.stored(folder)
+            listing.read_claim_records(folder)
 
 
 def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
     """Control."""
-    spoilt = controls.spoilt(results(), LEDGER["4.14"].control)
-    monkeypatch.setattr(of_study, "finished", lambda _: spoilt)
+    spoilt = controls.spoil_results(results(), LEDGER["4.14"].control)
+    monkeypatch.setattr(of_study, "open_finished_results", lambda _: spoilt)
     assert cli.main(["claims", "4.14"]) == 1
     assert "verdict: fails" in capsys.readouterr().out
 
@@ -435,7 +446,7 @@ def study(tmp_path):
     paths = [tmp_path / f"results/{name}.nc" for name in ("square/errors", "square/timings")]
     paths[0].parent.mkdir(parents=True)
     for path in paths:
-        tables.save(xr.Dataset({"x": 1.0}), path, "square")
+        tables.save_table(xr.Dataset({"x": 1.0}), path, "square")
     listed = {"path": "results/square/errors.nc", "sha256": hashlib.sha256(paths[0].read_bytes()).hexdigest()}
     (tmp_path / "results/manifest.json").write_text(json.dumps({"files": [listed]}))
     return tmp_path / "results"
@@ -443,31 +454,31 @@ def study(tmp_path):
 
 def test_a_table_of_another_version_than_the_manifest_lists_is_refused(study):
     """Of the same place and parameters. Controls: the listed one, one that is not listed, no manifest."""
-    found = of_study.finished(study)
+    found = of_study.open_finished_results(study)
     assert found["square/errors"].x == found["square/timings"].x == 1
-    tables.save(xr.Dataset({"x": np.nextafter(1.0, 2)}), study / "square/errors.nc", "square")
+    tables.save_table(xr.Dataset({"x": np.nextafter(1.0, 2)}), study / "square/errors.nc", "square")
     said = r"square/errors\.nc is another version than the study ended with: its SHA-256 is \w{16}"
     with pytest.raises(
         StorageError, match=said + r".*, and .*manifest\.json has \w{16}\.\.\.; 'snakemake -j2 -f "
     ):
-        of_study.finished(study)["square/errors"]
+        of_study.open_finished_results(study)["square/errors"]
     with pytest.raises(StorageError, match=said):
-        Results(study, {}, of_study.finished(study).listed)["square/errors"]
+        Results(study, {}, of_study.open_finished_results(study).listed_digests)["square/errors"]
     (study / "manifest.json").unlink()
-    assert of_study.finished(study)["square/errors"].x > 1
+    assert of_study.open_finished_results(study)["square/errors"].x > 1
 
 
 @pytest.mark.parametrize("content", ["{}", "[]", '{"files": [{}]}', '{"files": [3]}'])
 def test_what_is_no_manifest_is_refused(study, content):
     (study / "manifest.json").write_text(content)
     with sentences.raises(StorageError):
-        of_study.finished(study)
+        of_study.open_finished_results(study)
 
 
 def test_no_statement_is_printed_with_tex():
     """On the terminal. Control: statements have TeX."""
-    statements = [claim.statement for claim in claims.ledger()]
-    assert not [each for each in map(plain, statements) if "\\" in each or "$" in each]
+    statements = [claim.statement for claim in claims.load_ledger()]
+    assert not [each for each in map(strip_tex, statements) if "\\" in each or "$" in each]
     assert any("\\" in each for each in statements)
 
 

@@ -7,7 +7,8 @@ import xarray as xr
 from study.ledger import claims, controls
 from study.ledger.results import Results
 
-OBSERVED, REQUIRED = 2.0, 1.0
+OBSERVED = 2.0
+REQUIRED = 1.0
 
 
 def made_up(at_least=True):
@@ -23,8 +24,8 @@ def made_up(at_least=True):
 
 def sees(**control):
     results, entry = made_up()
-    claim = claims.declared({**entry, "control": {"what": "x", "tables": ["t"], **control}})
-    return claims.judgement(results, claim).sees
+    claim = claims.read_claim({**entry, "control": {"what": "x", "tables": ["t"], **control}})
+    return claims.judge_claim(results, claim).sees
 
 
 @pytest.mark.parametrize(
@@ -49,20 +50,21 @@ def test_the_least_part_that_a_claim_sees_by_hand(control, seen):
 
 def test_a_claim_that_does_not_hold_sees_nothing():
     results, entry = made_up(at_least=False)
-    claim = claims.declared({**entry, "control": {"what": "x", "tables": ["t"]}})
-    judgement = claims.judgement(results, claim)
+    claim = claims.read_claim({**entry, "control": {"what": "x", "tables": ["t"]}})
+    judgement = claims.judge_claim(results, claim)
     assert (judgement.holds, judgement.sees) == (False, None)
 
 
 def test_the_scenes_that_are_not_spoilt_are_not_looked_at():
     """A check on two scenes fails where one does; a wrong number in the other one would not change that."""
     table = made_up()[0]["t"]
-    results, entry = Results("", {"a/t": table, "b/t": table}), made_up()[1]
+    results = Results("", {"a/t": table, "b/t": table})
+    entry = made_up()[1]
     entry["parameters"] |= {"table": "{scene}/t", "scenes": ["a", "b"]}
     control = {"what": "x", "tables": ["a/t"], "variable": "number", "factor": 0.1}
-    claim = claims.declared({**entry, "reads": ["{scene}/t"], "control": control})
-    assert claims.judgement(results, claim).sees == "× 0.50"
-    asked = claims._of_spoilt_scenes(claim).parameters["scenes"]
+    claim = claims.read_claim({**entry, "reads": ["{scene}/t"], "control": control})
+    assert claims.judge_claim(results, claim).sees == "× 0.50"
+    asked = claims._restrict_to_control(claim).parameters["scenes"]
     assert asked == ["a"]
 
 
@@ -72,7 +74,7 @@ def test_shares_of_a_control_are_between_the_true_results_and_the_spoilt_ones():
     found = {}
     for share in (0.25, 1.0):
         control = {"tables": ["t"], "variable": "number", "value": 8.0, "at": {"row": 2}}
-        found[share] = controls.spoilt(Results("", {"t": table}), control, share)["t"]["number"].values
+        found[share] = controls.spoil_results(Results("", {"t": table}), control, share)["t"]["number"].values
     np.testing.assert_array_equal(found[0.25], [0.1, np.nan, 5.0])
     np.testing.assert_array_equal(found[1.0], [0.1, np.nan, 8.0])
     assert table["number"].values[2] == 4.0
@@ -87,5 +89,5 @@ def test_the_share_is_found_to_one_per_cent_in_few_tries(least):
         tried.append(share)
         return share >= least
 
-    assert controls.smallest_share(fails) == pytest.approx(least, rel=0.015)
+    assert controls.find_smallest_share(fails) == pytest.approx(least, rel=0.015)
     assert len(tried) <= 12

@@ -34,7 +34,7 @@ def test_the_kinds_of_verdicts(tmp_path):
     found = made(tmp_path, [{"verdict": verdict} for verdict in KINDS])
     assert found["kind"].tolist() == [*KINDS.values()]
     assert "fails" not in set(
-        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.ledger() if claim.check])["kind"]
+        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.load_ledger() if claim.check])["kind"]
     )
 
 
@@ -52,7 +52,8 @@ def test_margins_end_where_the_axis_does(tmp_path):
 
 def test_the_figure_shows_every_claim():
     """From the top of two panels of equal heights."""
-    panels, rows = page("verdict")[0].axes, table("verdict")
+    panels = page("verdict")[0].axes
+    rows = table("verdict")
     shown = [float(line.get_xdata()[0]) for axes in panels for line in axes.lines]
     assert shown == pytest.approx(rows["margin"].tolist())
     named = [text.get_text() for axes in panels for text in axes.texts]
@@ -69,6 +70,8 @@ def test_ids_titles_and_axes_stand_beside_each_other():
     figure.draw_without_rendering()
     for axes in figure.axes:
         boxes = [text.get_window_extent() for text in axes.texts]
-        ids, titles, end = boxes[::2], boxes[1::2], axes.get_window_extent().x0
+        ids = boxes[::2]
+        titles = boxes[1::2]
+        end = axes.get_window_extent().x0
         assert max(box.x1 for box in ids) < min(box.x0 for box in titles)
         assert max(box.x1 for box in titles) < end < max(box.x0 + 2 * box.width for box in titles)

@@ -14,13 +14,13 @@ pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
 
 @pytest.fixture(scope="module")
 def tables_of():
-    return cache(results.load)
+    return cache(results.load_table)
 
 
 @pytest.fixture
 def read_once(monkeypatch, tables_of):
     """A table is the same object for all tests, so that what a claim measures on it is measured once."""
-    monkeypatch.setattr(results, "load", tables_of)
+    monkeypatch.setattr(results, "load_table", tables_of)
 
 
 @pytest.mark.parametrize("claim", [[], ["4.12"]])
@@ -51,7 +51,7 @@ def test_json_has_what_is_stored_and_whether_it_holds(capsys):
     found = printed(capsys)
     assert [{name: each[name] for name in stored()[0]} for each in found] == stored()
     for each in found:
-        if not claims.find(each["id"]).check:
+        if not claims.find_claim(each["id"]).check:
             assert [each[name] for name in ("holds", "observed", "control", "sees")] == 4 * [None]
             continue
         assert each["holds"]
@@ -64,8 +64,8 @@ def test_what_is_stored_is_what_is_judged_now(capsys):
 
     A seventh of the claims: to find what each sees takes time.
     """
-    some = claims.ledger()[::7]
-    judged = [each.record() for each in claims.judge(results.finished(RESULTS), some)]
+    some = claims.load_ledger()[::7]
+    judged = [each.record() for each in claims.judge_all(results.open_finished_results(RESULTS), some)]
     assert judged == [each for each in stored() if each["id"] in {claim.id for claim in some}]
     assert len(judged) > 12
     everything = {each["id"]: each for each in printed(capsys)}
@@ -74,8 +74,8 @@ def test_what_is_stored_is_what_is_judged_now(capsys):
 
 def test_one_claim_that_fails_is_json_with_code_1(capsys, monkeypatch):
     """Control, by the claim's own."""
-    claim = claims.find("4.14")
-    spoilt = controls.spoilt(results.Results(RESULTS), claim.control)
+    claim = claims.find_claim("4.14")
+    spoilt = controls.spoil_results(results.Results(RESULTS), claim.control)
     monkeypatch.setattr(results, "Results", lambda *_, **__: spoilt)
     assert main(["claims", "4.14", "--json"]) == 1
     (found,) = json.loads(capsys.readouterr().out)["claims"]

@@ -32,11 +32,11 @@ def record(**changed):
 
 def row(**changed):
     """The one row of the table of one record."""
-    return verdicts.claims_tables([record(**changed)])["claims-estimates"].iloc[0].tolist()
+    return verdicts.tabulate_claims([record(**changed)])["claims-estimates"].iloc[0].tolist()
 
 
 def test_a_table_per_section_with_a_row_per_claim():
-    found = verdicts.claims_tables([record(), record(id="5.1", section="algorithm", expected="<= 2")])
+    found = verdicts.tabulate_claims([record(), record(id="5.1", section="algorithm", expected="<= 2")])
     assert list(found) == ["claims-estimates", "claims-algorithm"]
     measured = "a number: $1.23 \\ge 0.9$; margin 37\u00a0%; sees ×\u00a01.03"
     assert row() == ["4.1", "it holds [Lemma 4.1]", measured, "holds"]
@@ -47,7 +47,13 @@ def test_a_claim_holds_unless_it_fails():
     records = [record(), record(id="1.8", verdict="is an error"), record(id="9", verdict="fails")]
     records.append(record(id="10", verdict="not judged: nothing is known"))
     records.append(record(id="11", verdict="nothing to measure: it is a definition"))
-    assert verdicts.holding(records) == {"4.1": True, "1.8": True, "9": False, "10": False, "11": False}
+    assert verdicts.holds_by_claim(records) == {
+        "4.1": True,
+        "1.8": True,
+        "9": False,
+        "10": False,
+        "11": False,
+    }
 
 
 @pytest.mark.parametrize(
@@ -92,14 +98,14 @@ def test_what_a_claim_sees_is_short(sees, shown):
 
 
 def test_names_of_letters_and_signs_are_told_as_such():
-    shown = texts.letters("the largest lambda_max(S) <= Pi_H mu, pie, a -> b >= 0")
+    shown = texts.replace_greek("the largest lambda_max(S) <= Pi_H mu, pie, a -> b >= 0")
     assert shown == "the largest λ_max(S) ≤ Π_H μ, pie, a → b ≥ 0"
 
 
 def test_no_text_of_a_claim_has_mathematics_that_is_not_typeset():
     """In the supplement. Control: some have formulas."""
-    told = [text for claim in claims.ledger() for text in (claim.statement, claim.where, claim.verdict)]
-    told += [each["quantity"] or "" for each in stored.read(RESULTS / "claims.json")]
+    told = [text for claim in claims.load_ledger() for text in (claim.statement, claim.where, claim.verdict)]
+    told += [each["quantity"] or "" for each in stored.read_records(RESULTS / "claims.json")]
     outside = [re.sub(r"\$.*?\$", "", text) for text in told]
     assert outside != told
     assert [
@@ -108,9 +114,9 @@ def test_no_text_of_a_claim_has_mathematics_that_is_not_typeset():
 
 
 def test_every_verdict_of_the_ledger_has_a_table_in_the_supplement():
-    records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.ledger()]
+    records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.load_ledger()]
     text = (ROOT / "supplement.md").read_text(encoding="utf-8")
-    for name in verdicts.claims_tables(records):
+    for name in verdicts.tabulate_claims(records):
         assert f"<!-- {name}: begin -->" in text
 
 
@@ -118,6 +124,6 @@ def test_every_verdict_of_the_ledger_has_a_table_in_the_supplement():
 def test_damaged_claims_are_refused(tmp_path, content):
     (tmp_path / "claims.json").write_text(content)
     with sentences.raises(StorageError):
-        stored.read(tmp_path / "claims.json")
+        stored.read_records(tmp_path / "claims.json")
     (tmp_path / "claims.json").write_text('[{"id": "4.11"}]')
-    assert stored.read(tmp_path / "claims.json") == [{"id": "4.11"}]
+    assert stored.read_records(tmp_path / "claims.json") == [{"id": "4.11"}]

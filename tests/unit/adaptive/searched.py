@@ -15,7 +15,7 @@ FILES = sorted((DATA / "problems").glob("*.yaml"))
 def problem(name):
     """What one of these files declares, or a case on the square or, if it is for that, on the L-shape."""
     if name.endswith(".yaml"):
-        return problem_file.load(str(DATA / "problems" / name))
+        return problem_file.load_problem(str(DATA / "problems" / name))
     return load(name, "lshape" if name in ("reentrant", "violates_j") else "square").problem
 
 

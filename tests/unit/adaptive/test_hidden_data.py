@@ -9,13 +9,13 @@ from conftest import load
 from searched import first_level, levels
 
 from unilateral.adaptive.goal import Goal
-from unilateral.adaptive.level import unknowable
+from unilateral.adaptive.level import is_limited_by_data
 from unilateral.adaptive.loop import search
 from unilateral.bounds import source, source_ancestors
-from unilateral.discrete.condensed import discretise, solve
+from unilateral.discrete.condensed import discretise, solve_condensed_problem
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.solvers.stop import Stop
 
 SIGMA_1 = math.tanh(1 / math.sqrt(8)) / math.sqrt(2)
@@ -35,7 +35,9 @@ def test_a_peak_that_hides_from_rules_is_not_certified_too_early(problem_of):
     adapted = search(of, Goal(1e-4))
     assert (uniform.certified, adapted.certified) == (True, True)
     assert 9 < adapted.best.unknowns < uniform.best.unknowns > 1000
-    coarse = solve(discretise(of, structured(square(), 1 / 2), partitions.uniform(square(), 1)))
+    coarse = solve_condensed_problem(
+        discretise(of, make_structured_mesh(square(), 1 / 2), partitions.make_uniform_partition(square(), 1))
+    )
     assert coarse.bound().u >= 6.3e-4
     assert not search(of, Goal(1e-4, "hm12", 300, sharp=True)).certified
 
@@ -66,24 +68,30 @@ def test_waves_of_f_are_integrated(problem_of, monkeypatch, n, h):
     Of 160 / pi and 320 / pi waves any two rules that are alike in all triangles are mistaken alike, by .15.
     What is not known of f is as little as is wanted of a wave with ||cos||^2 = 1/2, or at most |cos| = 1.
     """
-    monkeypatch.setattr(source, "MOST_PIECES", 50_000)
+    monkeypatch.setattr(source, "MAX_SOURCE_PIECES", 50_000)
     of = problem_of(f=f"1 + cos({2 * n}*pi*x)", g=-1)
-    mesh, cells = structured(square(), h), partitions.uniform(square(), 2 * h)
-    solved = solve(discretise(of, mesh, cells))
+    mesh = make_structured_mesh(square(), h)
+    cells = partitions.make_uniform_partition(square(), 2 * h)
+    solved = solve_condensed_problem(discretise(of, mesh, cells))
     error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
-    assert error <= min(solved.bound().u, solved.bound().unknown + 1e-12)
-    wanted = math.sqrt(source.RESOLVED) * source_ancestors.ENOUGH * mesh.h * math.sqrt(1 / 2)
-    assert solved.bound().unknown <= (1.01 * wanted if solved.data.source.resolved else 1 + 1e-9)
-    assert solved.data.source.resolved or n > 20
+    assert error <= min(solved.bound().u, solved.bound().data_remainder + 1e-12)
+    wanted = (
+        math.sqrt(source.MAX_RESOLVED_RATIO)
+        * source_ancestors.TARGET_REMAINDER_RATIO
+        * mesh.h
+        * math.sqrt(1 / 2)
+    )
+    assert solved.bound().data_remainder <= (1.01 * wanted if solved.data.source.is_resolved else 1 + 1e-9)
+    assert solved.data.source.is_resolved or n > 20
 
 
 def test_a_wave_that_cannot_be_enclosed_is_not_certified(problem_of, monkeypatch):
     """As above: |u - 1| is below 1e-3, u_h may have any mean. It ends the search, for no mesh would help."""
-    monkeypatch.setattr(source, "MOST_PIECES", 20_000)
+    monkeypatch.setattr(source, "MAX_SOURCE_PIECES", 20_000)
     (only,) = levels(problem_of(f="1 + cos(4096*pi*(x - y))", g=-10), Goal(0.01))
     assert not only.certified
-    assert unknowable(only)
-    assert not any(map(unknowable, levels(load("natural").problem, Goal(0.03))))
+    assert is_limited_by_data(only)
+    assert not any(map(is_limited_by_data, levels(load("natural").problem, Goal(0.03))))
 
 
 def test_jumps_of_f_are_integrated_where_they_are(problem_of):
@@ -98,8 +106,9 @@ def test_jumps_of_f_are_integrated_where_they_are(problem_of):
         free_sides=[0, 1, 2],
     )
     exact = (12 * math.sinh(1) - sum(math.sinh(1 - place) for place in places)) / math.cosh(1)
-    mesh, cells = structured(square(), 1 / 50), partitions.uniform(square(), 1 / 25)
-    solved = solve(discretise(of, mesh, cells), Stop(tolerance=1e-5))
+    mesh = make_structured_mesh(square(), 1 / 50)
+    cells = partitions.make_uniform_partition(square(), 1 / 25)
+    solved = solve_condensed_problem(discretise(of, mesh, cells), Stop(tolerance=1e-5))
     error = math.sqrt(1 / math.tanh(1)) * abs(exact - cells.lengths @ solved.lambda_H)
     assert error < 2e-4 < solved.bound(sharp=True).lambda_ < 3e-3
 
@@ -121,7 +130,7 @@ def test_a_peak_at_a_declared_kink_is_seen(problem_of):
     apex = problem_of(f=-5, g="-1e5*pos(x-2/5,1) - 1e5*pos(2/5-x,1)")
     first = first_level(apex, Goal(0.05))
     assert not first.certified
-    assert first.solved.total("h1") >= 0.49
+    assert first.solved.total_bound("h1") >= 0.49
 
 
 @pytest.mark.parametrize("width", [20_000, 282_000])

@@ -10,8 +10,8 @@ import pytest
 
 from unilateral.adaptive import forecast
 from unilateral.adaptive.forecast import (
-    BELIEVED_RATES,
     OVERHEAD_UNKNOWNS,
+    RATE_LIMITS,
     allowed_unknowns,
     bytes_per_unknown,
     find_limits,
@@ -26,17 +26,17 @@ from unilateral.adaptive.level import (
     ZERO_SOLUTION_BOUND,
     contradict,
     find_fault,
+    is_limited_by_data,
     measure_level,
-    uncontradicted,
-    unknowable,
+    select_consistent,
 )
 from unilateral.adaptive.loop import make_search
-from unilateral.adaptive.marking import LAMBDA_RATE, TARGET_PART, wanted_part
-from unilateral.bounds.residual_norm import SUMS
+from unilateral.adaptive.marking import LAMBDA_RATE, TARGET_SHARE, target_bound_ratio
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import Form
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 LARGE_SQUARE = Polygon(2 * square().vertices, "large")
 
@@ -56,9 +56,9 @@ class Made(DiscreteSolution):
         }
         known |= numbers
         mesh = SimpleNamespace(
-            growth=known.pop("growth"),
+            exact_mesh_factor=known.pop("growth"),
             n_nodes=known.pop("unknowns"),
-            areas=structured(LARGE_SQUARE, 1).areas,
+            areas=make_structured_mesh(LARGE_SQUARE, 1).areas,
             polygon=LARGE_SQUARE,
         )
         data = {
@@ -69,7 +69,9 @@ class Made(DiscreteSolution):
             "beta": 0.5,
         }
         bound = SimpleNamespace(
-            u=known.pop("u"), lambda_=known.pop("lambda_"), irreducible=known.pop("irreducible")
+            u=known.pop("u"),
+            lambda_=known.pop("lambda_"),
+            irreducible_remainder=known.pop("irreducible"),
         )
         result = SimpleNamespace(bound=known.pop("algebraic"), converged=True)
         vars(self).update(result=result, local_bound=bound, sharp_bound=bound, **data | known)
@@ -77,7 +79,9 @@ class Made(DiscreteSolution):
 
 def level(goal=None, seconds=1.0, **numbers):
     costs = {
-        name: numbers.pop(name) for name in ("elapsed", "mb", "enclosing", "predicted") if name in numbers
+        name: numbers.pop(name)
+        for name in ("elapsed", "peak_mb", "enclosing_seconds", "predicted")
+        if name in numbers
     }
     made = measure_level(Made(**numbers), goal or Goal(0.2), costs.pop("predicted", math.inf))
     return replace(made, seconds=seconds, **costs)
@@ -86,16 +90,16 @@ def level(goal=None, seconds=1.0, **numbers):
 def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
     """||u|| >= ||u_h|| / growth - bound, never below 0; likewise for lambda with its own numbers."""
     of = Made(u_norm=3.0, u=0.5, lambda_norm=7.0, lambda_=2.0, growth=1.25)
-    assert of.size("h1") == pytest.approx(3 / 1.25 - 0.5)
-    assert of.size("h1") < (3 / 1.25) * (1 - 0.9 * SUMS) - 0.5
-    assert of.size("hm12") == pytest.approx(7 / 1.25 - 2.0)
-    assert Made(u_norm=1.0, u=2.0).size("h1") == 0.0
+    assert of.norm_lower_bound("h1") == pytest.approx(3 / 1.25 - 0.5)
+    assert of.norm_lower_bound("h1") < (3 / 1.25) * (1 - 0.9 * SQUARES_ROUNDING) - 0.5
+    assert of.norm_lower_bound("hm12") == pytest.approx(7 / 1.25 - 2.0)
+    assert Made(u_norm=1.0, u=2.0).norm_lower_bound("h1") == 0.0
 
 
 def test_the_algebraic_error_of_lambda_is_divided_by_beta():
     of = Made(algebraic=0.3)
-    assert (of.algebraic("h1"), of.algebraic("hm12")) == (0.3, 0.6)
-    assert Made(algebraic=0.3, beta=0.0).algebraic("hm12") == math.inf
+    assert (of.algebraic_bound("h1"), of.algebraic_bound("hm12")) == (0.3, 0.6)
+    assert Made(algebraic=0.3, beta=0.0).algebraic_bound("hm12") == math.inf
 
 
 @pytest.mark.parametrize("norm", ["h1", "hm12"])
@@ -165,8 +169,8 @@ def test_norms_on_different_meshes_may_differ_by_their_growth():
 
 def test_of_two_levels_that_contradict_none_is_believed():
     levels = [level(), level(u_norm=1.1), level(u_norm=5.0, u=0.01)]
-    assert uncontradicted(levels) == []
-    assert uncontradicted(levels[:2]) == levels[:2]
+    assert select_consistent(levels) == []
+    assert select_consistent(levels[:2]) == levels[:2]
     found = make_search(levels, "bounds contradict each other")
     assert found.believed == []
     assert found.best is levels[-1]
@@ -186,7 +190,7 @@ def test_the_best_level_is_certified_before_it_is_small():
 @pytest.mark.parametrize(("irreducible", "told"), [(0.21, True), (0.19, False), (0.0, False)])
 def test_what_stays_unknown_may_exceed_the_wanted_error(irreducible, told):
     """0.2 of the norm, at least 1."""
-    assert unknowable(level(u_norm=1.1, u=0.1, irreducible=irreducible)) == told
+    assert is_limited_by_data(level(u_norm=1.1, u=0.1, irreducible=irreducible)) == told
 
 
 @pytest.mark.parametrize(("irreducible", "why"), [(1e-9, NOT_ENCLOSED), (1e-11, BELOW_ROUNDING)])
@@ -199,20 +203,20 @@ def test_an_accuracy_below_rounding_is_not_blamed_on_the_data(irreducible, why):
 def test_the_next_bound_is_taken_to_miss_as_the_last_one_did(bound, missed):
     """Between 0.9 and 1.5; what is wanted is 0.2 absolutely."""
     last = level(Goal(0.2, absolute=True), predicted=0.1, u=bound)
-    assert wanted_part(last) == pytest.approx(TARGET_PART * 0.2 / (bound * missed))
+    assert target_bound_ratio(last) == pytest.approx(TARGET_SHARE * 0.2 / (bound * missed))
 
 
 def test_the_bound_of_lambda_falls_like_the_unknowns_to_a_power():
     """A part p of the bound takes p^(-1 / LAMBDA_RATE) times the unknowns; for u they take p^-2."""
     last = level(Goal(0.02, "hm12", absolute=True), predicted=0.1)
-    part = TARGET_PART * 0.02 / 0.1
-    assert wanted_part(last) ** -2 == pytest.approx(part ** (-1 / LAMBDA_RATE))
-    assert wanted_part(level(u=math.inf)) == 0.0
+    part = TARGET_SHARE * 0.02 / 0.1
+    assert target_bound_ratio(last) ** -2 == pytest.approx(part ** (-1 / LAMBDA_RATE))
+    assert target_bound_ratio(level(u=math.inf)) == 0.0
 
 
 @pytest.mark.parametrize(
     ("coarse", "fine", "rate"),
-    [(1.0, 0.5, 1.0), (1.0, 0.99, BELIEVED_RATES[0]), (1.0, 0.01, BELIEVED_RATES[1])],
+    [(1.0, 0.5, 1.0), (1.0, 0.99, RATE_LIMITS[0]), (1.0, 0.01, RATE_LIMITS[1])],
 )
 def test_a_rate_is_believed_within_its_limits(coarse, fine, rate):
     done = [level(u=coarse), level(u=fine)]
@@ -242,10 +246,17 @@ def measured(goal=None):
     rate = 1e-3
     ends = {1000: 20.0, 3000: 98.0}
     later = [
-        level(goal, 0.5 + rate * (n + OVERHEAD_UNKNOWNS), unknowns=n, elapsed=end, enclosing=0.5, mb=10.0)
+        level(
+            goal,
+            0.5 + rate * (n + OVERHEAD_UNKNOWNS),
+            unknowns=n,
+            elapsed=end,
+            enclosing_seconds=0.5,
+            peak_mb=10.0,
+        )
         for n, end in ends.items()
     ]
-    return [level(goal, 10.0, unknowns=9, elapsed=10.0, mb=10.0), *later]
+    return [level(goal, 10.0, unknowns=9, elapsed=10.0, peak_mb=10.0), *later]
 
 
 def test_the_time_that_is_spent_is_not_left():

@@ -15,13 +15,14 @@ from unilateral.adaptive.loop import search
 from unilateral.discrete import multilevel
 from unilateral.errors import BudgetError
 
-STEPS = ("divided_mesh", "discretise_on", "solve")
+STEPS = ("halve_triangle_edges", "discretise_level", "solve_next_level")
 """What is done on a level, in this order; the first level has another mesh."""
 
 
 def failing(monkeypatch, step, error, at=2):
     """Makes a step of the loop raise an error the `at`-th time."""
-    own, calls = getattr(loop, step), []
+    own = getattr(loop, step)
+    calls = []
 
     def run(*arguments):
         calls.append(step)
@@ -37,7 +38,7 @@ def test_an_interrupt_in_any_step_keeps_the_levels_before(monkeypatch, step):
     """In the second level, or the third, whose mesh is the second that is divided."""
     failing(monkeypatch, step, KeyboardInterrupt())
     found = search(load("natural").problem, Goal(1e-3))
-    kept = 2 if step == "divided_mesh" else 1
+    kept = 2 if step == "halve_triangle_edges" else 1
     assert (found.ended, len(found.levels), found.plan) == ("interrupted", kept, None)
     assert found.best is found.levels[-1]
 
@@ -52,17 +53,17 @@ def test_an_interrupt_in_the_first_level_is_raised(monkeypatch, step):
 
 def test_another_error_is_raised(monkeypatch):
     """Control: it is a fault, and no end of a search."""
-    failing(monkeypatch, "solve", ZeroDivisionError())
+    failing(monkeypatch, "solve_next_level", ZeroDivisionError())
     with pytest.raises(ZeroDivisionError):
         search(load("natural").problem, Goal(1e-3))
 
 
 def test_memory_that_the_system_refuses_is_a_limit(monkeypatch):
-    failing(monkeypatch, "solve", MemoryError())
+    failing(monkeypatch, "solve_next_level", MemoryError())
     found = search(load("natural").problem, Goal(1e-3))
     assert found.ended == "out of budget (the memory of this machine)"
     assert len(found.levels) == 1
-    failing(monkeypatch, "solve", MemoryError(), at=1)
+    failing(monkeypatch, "solve_next_level", MemoryError(), at=1)
     with pytest.raises(MemoryError):
         search(load("natural").problem, Goal(1e-3))
 
@@ -79,7 +80,7 @@ def test_no_level_begins_that_is_predicted_to_exceed_a_limit(name, monkeypatch):
     monkeypatch.setattr(forecast, "peak_mb", lambda: 100.0)
     first, second, third, *_ = levels(load("natural").problem, Goal(0.02, kind="structured"))
     done = [first, second]
-    unknowns = forecast.NEIGHBOURS * 4 * second.unknowns
+    unknowns = forecast.NEIGHBOUR_RATIO * 4 * second.unknowns
     predicted = {
         "max_seconds": second.elapsed + predict_seconds(done, unknowns),
         "max_memory": predict_mb(done, unknowns),
@@ -106,7 +107,7 @@ def test_without_a_limit_no_more_memory_is_taken_than_is_free(monkeypatch):
     monkeypatch.setattr(loop, "peak_mb", lambda: 100.0)
     found = search(load("natural").problem, Goal(0.005, max_seconds=600.0))
     assert found.ended.endswith("MB of this machine's memory)")
-    assert 100 < found.levels[-1].unknowns < 0.8 * 2**20 / forecast.BYTES_BY_MULTIGRID
+    assert 100 < found.levels[-1].unknowns < 0.8 * 2**20 / forecast.MULTIGRID_LEVEL_BYTES
 
 
 @pytest.mark.parametrize("limit", [{"max_seconds": 10.0}, {"max_memory": 1.0}])
@@ -114,7 +115,7 @@ def test_a_limit_that_is_used_up_before_the_first_level_leaves_nothing(limit):
     """The seconds count from `begin`, and the memory is that of the process."""
     (name,) = limit
     with pytest.raises(BudgetError, match=rf"{name}=\d+ is not enough .* coarsest mesh of 'square'") as told:
-        search(load("natural").problem, Goal(0.1, **limit), begin=perf_counter() - 11)
+        search(load("natural").problem, Goal(0.1, **limit), start_time=perf_counter() - 11)
     assert told.value.exit_code == 3
 
 
@@ -129,8 +130,9 @@ def test_a_level_says_what_the_next_one_will_have_and_take():
 
 def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
     """Its grids take half of the memory: no more than two problems are alive at a time."""
-    made, alive = [], []
-    own = multilevel.discretise_nested
+    made = []
+    alive = []
+    own = multilevel.discretise_on_adapted_mesh
 
     def counted(*arguments):
         discrete = own(*arguments)
@@ -141,6 +143,6 @@ def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
         gc.collect()
         alive.append(sum(problem() is not None for problem in made))
 
-    monkeypatch.setattr(multilevel, "discretise_nested", counted)
+    monkeypatch.setattr(multilevel, "discretise_on_adapted_mesh", counted)
     assert len(search(problem("lshape.yaml"), Goal(0.2), tell).levels) > 2
     assert set(alive) == {1}

@@ -9,26 +9,26 @@ from searched import levels, problem
 
 from unilateral.adaptive import forecast, loop
 from unilateral.adaptive.forecast import (
-    HOPELESS,
+    HOPELESS_UNKNOWNS_RATIO,
+    MIN_PLAN_UNKNOWNS,
     OVERHEAD_UNKNOWNS,
-    PLAN_UNKNOWNS,
     allowed_unknowns,
     is_hopeless,
-    plan,
+    make_plan,
     predict_mb,
     predict_seconds,
     show_costs,
 )
-from unilateral.adaptive.goal import MAX_SECONDS, Goal
-from unilateral.adaptive.level import judge_by
+from unilateral.adaptive.goal import DEFAULT_MAX_SECONDS, Goal
+from unilateral.adaptive.level import judge_for_goal
 from unilateral.adaptive.loop import search
-from unilateral.adaptive.marking import TARGET_PART, adapts
+from unilateral.adaptive.marking import TARGET_SHARE, should_adapt
 from unilateral.solvers.stop import Stop
 
 
 def towards(goal, done):
     """The levels as if they were solved towards another goal."""
-    return [judge_by(level, goal) for level in done]
+    return [judge_for_goal(level, goal) for level in done]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def lshape_levels():
 @pytest.fixture
 def soon(monkeypatch):
     """A plan from few unknowns on."""
-    monkeypatch.setattr(forecast, "PLAN_UNKNOWNS", 400)
+    monkeypatch.setattr(forecast, "MIN_PLAN_UNKNOWNS", 400)
 
 
 @pytest.fixture
@@ -69,7 +69,8 @@ def machine(monkeypatch):
 )
 def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
     """Of the unknowns, from levels that have many times fewer: what the documents promise."""
-    dry, whole = (search(problem(name), goal, dry_run=dry_run) for dry_run in (True, False))
+    dry = search(problem(name), goal, dry_run=True)
+    whole = search(problem(name), goal, dry_run=False)
     assert whole.certified
     assert not dry.certified
     assert dry.levels[-1].unknowns <= whole.best.unknowns / 3
@@ -80,20 +81,21 @@ def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
 
 def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
     """However long it took, so that two runs say the same of the unknowns."""
-    one, other = (search(problem("lshape.yaml"), Goal(1e-3), dry_run=True) for _ in range(2))
+    one = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
+    other = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
     *before, last = (level.unknowns for level in one.levels)
-    assert max(before) < PLAN_UNKNOWNS <= last
+    assert max(before) < MIN_PLAN_UNKNOWNS <= last
     assert one.plan.unknowns == other.plan.unknowns
     assert repr(one) == f"Search: {len(one.levels)} levels, not certified"
 
 
 def test_limits_that_do_not_allow_a_plan_are_named(natural_levels):
     """Each a little below what is planned; control: none a little above it."""
-    free = plan(towards(Goal(0.001), natural_levels))
+    free = make_plan(towards(Goal(0.001), natural_levels))
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         limits = [share * value for value in (free.unknowns, free.peak_mb)]
         goal = Goal(0.001, max_unknowns=limits[0], max_seconds=share * free.seconds, max_memory=limits[1])
-        found = plan(towards(goal, natural_levels)).missed
+        found = make_plan(towards(goal, natural_levels)).missed
         assert [limit.split("=")[0] for limit in found] == missed
 
 
@@ -109,7 +111,9 @@ def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, m
     assert found.plan.unknowns > 1e12
     digits, k = f"{found.reach:.0e}".split("e")
     before = {"1": f"5e{int(k) - 1}", "2": f"1e{k}", "5": f"2e{k}"}[digits]
-    missed = [plan(towards(Goal(accuracy), found.levels)).missed for accuracy in (found.reach, float(before))]
+    missed = [
+        make_plan(towards(Goal(accuracy), found.levels)).missed for accuracy in (found.reach, float(before))
+    ]
     assert [bool(limits) for limits in missed] == [False, True]
     assert found.best.total / found.best.size > found.reach
 
@@ -121,14 +125,16 @@ def test_a_limit_that_somebody_set_is_spent(natural_levels):
     assert found.ended == "out of budget (max_unknowns=2000)"
     assert found.reach is None
     allowed = min(allowed_unknowns(natural_levels).values())
-    for times, far in ((HOPELESS / 2, False), (2 * HOPELESS, True)):
+    for times, far in ((HOPELESS_UNKNOWNS_RATIO / 2, False), (2 * HOPELESS_UNKNOWNS_RATIO, True)):
         last = natural_levels[-1]
-        accuracy = last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / TARGET_PART
+        accuracy = last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / TARGET_SHARE
         assert is_hopeless(towards(Goal(accuracy), natural_levels)) == far
 
 
 @pytest.mark.usefixtures("soon", "machine")
-@pytest.mark.parametrize("limit", [{"max_seconds": MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}])
+@pytest.mark.parametrize(
+    "limit", [{"max_seconds": DEFAULT_MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}]
+)
 def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit, natural_levels):
     """The plan ends nothing; control: it does so without the limit."""
     for given, far in ((limit, False), ({}, True)):
@@ -137,7 +143,7 @@ def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit, natu
 
 @pytest.mark.usefixtures("soon", "machine")
 def test_out_of_reach_without_a_plan_names_no_limit(monkeypatch):
-    monkeypatch.setattr(loop, "plan", lambda _: None)
+    monkeypatch.setattr(loop, "make_plan", lambda _: None)
     found = search(load("natural").problem, Goal(1e-9))
     assert (found.ended, found.reach) == ("out of reach", None)
 
@@ -149,7 +155,7 @@ def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
     monkeypatch.setattr(forecast, "observed_rate", lambda *_: 0.25)
     done = towards(Goal(0.001, kind="structured"), done)
     assert show_costs(done)
-    assert plan(done).unknowns > 100 * HOPELESS * min(allowed_unknowns(done).values())
+    assert make_plan(done).unknowns > 100 * HOPELESS_UNKNOWNS_RATIO * min(allowed_unknowns(done).values())
     assert not is_hopeless(done)
 
 
@@ -170,13 +176,13 @@ def test_costs_and_what_they_allow_agree(natural_levels):
     assert by_seconds == pytest.approx(12_345)
     no_time = towards(Goal(0.05, max_seconds=1e-9), natural_levels)
     assert allowed_unknowns(no_time)["max_seconds=1e-09"] == 0.0
-    assert predict_mb(natural_levels, last.unknowns) >= max(level.mb for level in natural_levels)
+    assert predict_mb(natural_levels, last.unknowns) >= max(level.peak_mb for level in natural_levels)
 
 
 def test_seconds_are_predicted_by_the_rate_of_the_levels(lshape_levels):
     """Twice the unknowns and the overhead take twice the time of the last level, beside what encloses f."""
     first, *_, last = lshape_levels
-    done = [replace(first, enclosing=0.25), replace(last, seconds=1.0, enclosing=0.25)]
+    done = [replace(first, enclosing_seconds=0.25), replace(last, seconds=1.0, enclosing_seconds=0.25)]
     twice = 2 * (done[-1].unknowns + OVERHEAD_UNKNOWNS) - OVERHEAD_UNKNOWNS
     assert predict_seconds(done, twice) == pytest.approx(0.25 + 2 * 0.75)
 
@@ -187,8 +193,8 @@ def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall(lshape_levels):
     more = last.unknowns - first.unknowns
     for before, added in ((0.1, 0.1), (0.3, 0.0)):
         done = [
-            replace(first, seconds=before, enclosing=before),
-            replace(last, seconds=0.2, enclosing=0.2),
+            replace(first, seconds=before, enclosing_seconds=before),
+            replace(last, seconds=0.2, enclosing_seconds=0.2),
         ]
         assert predict_seconds(done, last.unknowns + more) == pytest.approx(0.2 + added)
 
@@ -196,7 +202,7 @@ def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall(lshape_levels):
 def test_a_level_on_the_same_mesh_tells_nothing_of_growth(lshape_levels):
     """As where a bound was missed by so little that no triangle is halved for it."""
     first, *_, last = lshape_levels
-    done = [first, replace(last, enclosing=0.1), replace(last, seconds=0.2, enclosing=0.2)]
+    done = [first, replace(last, enclosing_seconds=0.1), replace(last, seconds=0.2, enclosing_seconds=0.2)]
     assert predict_seconds(done[1:], last.unknowns) == pytest.approx(0.2)
 
 
@@ -204,11 +210,11 @@ def test_only_what_is_left_free_is_adapted():
     """The bound comes from the L-shape's corner; a kind or a solver may ask for uniform meshes."""
     *_, last = levels(problem("lshape.yaml"), Goal(0.3, kind="structured"))
     (free,) = towards(Goal(0.3), [last])
-    assert adapts(free)
+    assert should_adapt(free)
     for goal in (
         Goal(0.3, kind="structured"),
         Goal(0.3, stop=Stop(rho=0.1)),
         Goal(0.3, stop=Stop(algorithm="nesterov")),
     ):
         (bound,) = towards(goal, [last])
-        assert not adapts(bound)
+        assert not should_adapt(bound)

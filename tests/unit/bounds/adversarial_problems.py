@@ -11,7 +11,7 @@ from symbolic import X, Y, plain, pos
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.formula import parse
+from unilateral.formulas.formula import parse_formula
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import laplacian
 from unilateral.problems.problem import Problem
@@ -26,7 +26,7 @@ def adversary(u, gap=0, features=(), free=(), shift=0, spoil="0", with_fluxes=Fa
     `spoil` is a formula that is 0, added to f. On `free` sides du/dn is 0, or it is given there.
     """
     square = Polygon(np.array([(shift, 0), (shift + 1, 0), (shift + 1, 1), (shift, 1)]), "adversary")
-    f = plain(u) - laplacian(plain(u), "x", "y") + parse(spoil, ("x", "y"), "spoil")
+    f = plain(u) - laplacian(plain(u), "x", "y") + parse_formula(spoil, ("x", "y"), "spoil")
     g = (plain(u - gap),) * 4
     q = ()
     if with_fluxes:
@@ -64,7 +64,9 @@ def peak(rng, place, logarithm=(-3, -1)):
     if place == "inside":
         width = min(width, 0.15 * np.min([inner, 1 - inner]))
     height = width * (20.0 if place == "inside" else 0.5)
-    a, b, w = exact(at[0]), exact(at[1]), exact(width)
+    a = exact(at[0])
+    b = exact(at[1])
+    w = exact(width)
     bump = exact(height) * sympy.exp(-((X - a) ** 2 + (Y - b) ** 2) / w**2)
     return bump, Feature(sympy.sqrt((X - a) ** 2 + (Y - b) ** 2), float(w))
 
@@ -86,23 +88,32 @@ def waves(rng):
 
 def kinks(rng):
     """Full contact; f jumps or has a kink along a line or a circle off the mesh, or through its nodes."""
-    power, height = int(rng.integers(2, 4)), exact(rng.uniform(-1, 1))
+    power = int(rng.integers(2, 4))
+    height = exact(rng.uniform(-1, 1))
     if rng.random() < 0.5:
-        angle, c = rng.uniform(0, np.pi), rng.uniform(0.3, 0.7)
-        a, b = exact(np.cos(angle)), exact(np.sin(angle))
+        angle = rng.uniform(0, np.pi)
+        c = rng.uniform(0.3, 0.7)
+        a = exact(np.cos(angle))
+        b = exact(np.sin(angle))
         level = a * X + b * Y - exact(c) if rng.random() < 0.7 else X - Y
         smaller = sympy.Rational(1, 2)
     else:
-        x, y, r = exact(rng.uniform(0.3, 0.7)), exact(rng.uniform(0.3, 0.7)), exact(rng.uniform(0.02, 0.28))
-        level, smaller = r - ((X - x) ** 2 + (Y - y) ** 2) / r, sympy.Rational(1, 4)
+        x = exact(rng.uniform(0.3, 0.7))
+        y = exact(rng.uniform(0.3, 0.7))
+        r = exact(rng.uniform(0.02, 0.28))
+        level = r - ((X - x) ** 2 + (Y - y) ** 2) / r
+        smaller = sympy.Rational(1, 4)
     u = bowl(rng) + smaller * height * pos(level, power)
     return adversary(u, features=[Feature(level, 8e-3)])
 
 
 def sides(rng):
     """u depends on x only, so the flux is 0 below and above, where g touches u in points or oscillates."""
-    c, k = exact(rng.uniform(0.35, 0.65)), int(rng.integers(3, 400))
-    u, a, w = 4 * (X - c) ** 2 / 2, exact(rng.uniform(0.1, 0.9)), exact(10.0 ** rng.uniform(-4, -1))
+    c = exact(rng.uniform(0.35, 0.65))
+    k = int(rng.integers(3, 400))
+    u = 4 * (X - c) ** 2 / 2
+    a = exact(rng.uniform(0.1, 0.9))
+    w = exact(10.0 ** rng.uniform(-4, -1))
     gap = [
         1 - sympy.exp(-((X - a) ** 2) / w**2),
         sympy.sin(k * sympy.pi * X) ** 2 / 3,
@@ -136,13 +147,14 @@ def given_fluxes(rng):
     """
     free = (0, *sorted(rng.choice([1, 2, 3], rng.integers(0, 3), replace=False).tolist()))
     if rng.random() < 0.5:
-        width, a = 10.0 ** rng.uniform(-2.5, -1.3), exact(rng.uniform(0.35, 0.65))
-        b, height = (
-            exact(width * rng.uniform(-1.5, 1.5)),
-            exact(width * rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 2)),
-        )
-        square, w = (X - a) ** 2 + (Y - b) ** 2, exact(width)
-        more, feature = height * sympy.exp(-square / w**2), Feature(sympy.sqrt(square), float(w))
+        width = 10.0 ** rng.uniform(-2.5, -1.3)
+        a = exact(rng.uniform(0.35, 0.65))
+        b = exact(width * rng.uniform(-1.5, 1.5))
+        height = exact(width * rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 2))
+        square = (X - a) ** 2 + (Y - b) ** 2
+        w = exact(width)
+        more = height * sympy.exp(-square / w**2)
+        feature = Feature(sympy.sqrt(square), float(w))
     else:
         k = 2 ** int(rng.integers(2, 6)) * int(rng.choice([1, 3, 5]))
         height = exact(rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 1))

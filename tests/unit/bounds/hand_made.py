@@ -10,20 +10,20 @@ from known_solutions import Pressed, Trial, h1_errors
 from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
-from unilateral.bounds.boundary_flux import nothing
-from unilateral.bounds.constraint import constraint
-from unilateral.bounds.mesh_data import MeshData
-from unilateral.discrete.condensed import solve
+from unilateral.bounds.boundary_flux import no_given_flux
+from unilateral.bounds.constraint import build_constraint
+from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.discrete.condensed import solve_condensed_problem
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, energy_norm, load_vector
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import build_dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.obstacle_and_flux import enclose_obstacle
-from unilateral.problems.side_models import places
+from unilateral.problems.side_models import side_coordinates
 
 CASES = [
     *[(name, "square") for name in ("natural", "smooth", "thirds", "full_contact", "no_contact", "vertex")],
@@ -43,17 +43,23 @@ LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 class Manufactured:
     """u from a formula and g = u - gap, gap >= 0 a formula in x, y too; no singular points.
 
-    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `boundary` is that of ExactSolution.
+    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `trace_flux_and_gap` is as in
+    ExactSolution.
     """
 
     flux_in_L2 = True
     clamped_sides = ()
 
     def __init__(self, polygon, u, gap="0", k=1.0, c=1.0):
-        self.polygon, self.k, self.c = polygon, k, c
-        u, gap = (sympy.sympify(formula, {"x": X, "y": Y}) for formula in (u, gap))
+        self.polygon = polygon
+        self.k = k
+        self.c = c
+        u = sympy.sympify(u, {"x": X, "y": Y})
+        gap = sympy.sympify(gap, {"x": X, "y": Y})
         f = c * u - k * (sympy.diff(u, X, 2) + sympy.diff(u, Y, 2))
-        self.jumps, self.formula, self.formulas = {}, u, (f, u - gap)
+        self.jumps = {}
+        self.formula = u
+        self.formulas = (f, u - gap)
         found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
         self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
         self.g = sympy.lambdify((X, Y), u - gap)
@@ -61,13 +67,14 @@ class Manufactured:
     def kinks(self):
         return []
 
-    singular = flux_singular = kinks
+    singular_points = flux_singular_points = kinks
 
     def transitions(self):
         return np.zeros(0)
 
-    def boundary(self, side, s, near=None):
-        points, (out_x, out_y) = self.polygon.at(side, s).T, self.polygon.normals[side].T
+    def trace_flux_and_gap(self, side, s, near=None):
+        points = self.polygon.at(side, s).T
+        (out_x, out_y) = self.polygon.normals[side].T
         u = self.u(*points) + np.zeros(len(s))
         flux = self.k * (self.u_x(*points) * out_x + self.u_y(*points) * out_y)
         return u, flux, u - self.g(*points)
@@ -83,7 +90,7 @@ class Manufactured:
         return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
-        x, y = places(self.polygon, side, t)
+        x, y = side_coordinates(self.polygon, side, t)
         return evaluate(self.formulas[1], {X: x, Y: y})
 
     def error(self, mesh, u_h, features=()):
@@ -93,7 +100,7 @@ class Manufactured:
 
 @cache
 def enclosed(mesh, problem):
-    return source.enclosed(mesh, problem.source)
+    return source.enclose_function(mesh, problem.source)
 
 
 def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
@@ -104,7 +111,9 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
     else:
         g = problem.enclosed(free)
     form = Form(free=free)
-    data = MeshData(enclosed(mesh, problem), constraint(g, mesh, form), nothing(mesh), balance=None)
+    data = EnclosedData(
+        enclosed(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
+    )
     return data, cells, u_h, lambda_H, form
 
 
@@ -118,7 +127,7 @@ def u_of(problem, mesh, cells, lambda_H):
 @cache
 def norm_for(name, m, polygon):
     case = discrete(name, 2 * m, m, polygon).exact.ritz.case
-    return dual_norm(partitions.uniform(case.polygon, 1 / m), [case])
+    return build_dual_norm(partitions.make_uniform_partition(case.polygon, 1 / m), [case])
 
 
 class Pair(NamedTuple):
@@ -152,8 +161,10 @@ class Pair(NamedTuple):
 def pair(name, n, polygon="square", crude=None):
     """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
     d = discrete(name, n, n // 2, polygon)
-    mesh, solution = d.mesh, solve(d)
-    lambda_H, rng = solution.lambda_H, np.random.default_rng(n)
+    mesh = d.mesh
+    solution = solve_condensed_problem(d)
+    lambda_H = solution.lambda_H
+    rng = np.random.default_rng(n)
     if crude == "zero":
         lambda_H = np.zeros_like(lambda_H)
     elif crude == "noise":
@@ -162,8 +173,8 @@ def pair(name, n, polygon="square", crude=None):
     load = d.exact.ritz.load.copy()
     load[mesh.boundary] += of_lambda
     u_h = d.spaces.condensed.solve(load)
-    dual = norm_for(name, n // 2, polygon).of_error(d.exact.ritz.case, lambda_H[None])
-    h1_error = d.exact.ritz.h1_error(d.exact.ritz.flux_load - of_lambda)[0]
+    dual = norm_for(name, n // 2, polygon).bound_error(d.exact.ritz.case, lambda_H[None])
+    h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - of_lambda)[0]
     errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
     return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
 

@@ -15,7 +15,7 @@ from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas import formula
-from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.norms.ritz import h1_distance, multiplier_load
 from unilateral.problems.problem import Problem
 
 SIZE = 1 / 2
@@ -40,7 +40,8 @@ def h1_errors(u, mesh, functions, features=(), size=SIZE, k=1, c=1):
     """
     value = compile_numpy([u, u.diff(X), u.diff(Y)], (X, Y))
     distances = [(compile_numpy([feature.level], (X, Y)), feature.width) for feature in features]
-    corners, parent = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3)), np.arange(len(mesh.triangles))
+    corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
+    parent = np.arange(len(mesh.triangles))
     total = np.zeros(len(functions))
     for _ in range(14):
         vertices = corners @ mesh.points[mesh.triangles[parent]]
@@ -51,7 +52,8 @@ def h1_errors(u, mesh, functions, features=(), size=SIZE, k=1, c=1):
             away = np.abs(level(*centre.T)[0])
             coarse |= (radius > size * np.maximum(width, 0.5 * (away - radius))) & (away < radius + 8 * width)
         total += _squares(mesh, functions, corners[~coarse], parent[~coarse], value, k, c)
-        corners, parent = quarter(corners[coarse]), np.repeat(parent[coarse], 4)
+        corners = quarter(corners[coarse])
+        parent = np.repeat(parent[coarse], 4)
     return np.sqrt(total + _squares(mesh, functions, corners, parent, value, k, c))
 
 
@@ -97,18 +99,22 @@ class Known(NamedTuple):
 
     def flux_moments(self, mesh):
         """(nb,) the moments of lambda with the boundary hats, by 2000 points on every edge."""
-        slopes, x = compile_numpy([self.u.diff(X), self.u.diff(Y)], (X, Y)), (np.arange(2000) + 0.5) / 2000
-        start, end = mesh.points[mesh.boundary], mesh.points[np.roll(mesh.boundary, -1)]
+        slopes = compile_numpy([self.u.diff(X), self.u.diff(Y)], (X, Y))
+        x = (np.arange(2000) + 0.5) / 2000
+        start = mesh.points[mesh.boundary]
+        end = mesh.points[np.roll(mesh.boundary, -1)]
         at = start[:, None] + x[:, None] * (end - start)[:, None]
         normals = mesh.polygon.normals[mesh.side]
         flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
         flux = np.where(np.isin(mesh.side, self.problem.free_sides)[:, None], 0.0, flux)
-        first, second = (np.diff(mesh.s) * (flux * shape).mean(axis=1) for shape in (1 - x, x))
+        first = np.diff(mesh.s) * (flux * (1 - x)).mean(axis=1)
+        second = np.diff(mesh.s) * (flux * x).mean(axis=1)
         return first + np.roll(second, 1)
 
     def boundary(self, side, s):
         """(k,) u, lambda and u - g at places s of the sides; on free ones du/dn less what is given, and 1."""
-        polygon, problem = self.problem.polygon, self.problem
+        polygon = self.problem.polygon
+        problem = self.problem
         x, y = polygon.at(side, s).T
         u, u_x, u_y = compile_numpy([self.u, self.u.diff(X), self.u.diff(Y)], (X, Y))(x, y)
         gap = np.choose(side, formula.compile_numpy([plain(self.u) - g for g in problem.g], "xy")(x, y))
@@ -128,10 +134,10 @@ class Catalogued(NamedTuple):
         return np.array([h1_distance(self.problem.exact, mesh, v_h) for v_h in functions])
 
     def flux_moments(self, mesh):
-        return flux_load(self.problem.exact, mesh)
+        return multiplier_load(self.problem.exact, mesh)
 
     def boundary(self, side, s):
-        return self.problem.exact.boundary(side, s)
+        return self.problem.exact.trace_flux_and_gap(side, s)
 
 
 class Trial(NamedTuple):
@@ -159,7 +165,8 @@ class Tried:
 
     def __init__(self, of, solutions):
         """Take `solutions` with their pairs (u_h, lambda_H)."""
-        self.of, self.solutions = of, solutions
+        self.of = of
+        self.solutions = solutions
 
     @cached_property
     def trials(self):
@@ -178,8 +185,11 @@ def flux_moments(of, mesh):
 
 def trials(of, solved, pairs):
     """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
-    mesh, cells = solved.mesh, solved.partition
-    moments, on_mesh, to_mesh = flux_moments(of, mesh), condense(mesh), coupling(mesh, cells).T
+    mesh = solved.mesh
+    cells = solved.partition
+    moments = flux_moments(of, mesh)
+    on_mesh = condense(mesh)
+    to_mesh = coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
     for pair, error in zip(pairs, errors, strict=True):
         rest = moments - to_mesh @ pair[1]
@@ -194,13 +204,16 @@ def pressed(of, solved):
     The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
     them.
     """
-    mesh, moments = solved.mesh, flux_moments(of, solved.mesh)
+    mesh = solved.mesh
+    moments = flux_moments(of, solved.mesh)
     parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
     off = OF_MOMENTS * np.abs(moments).sum() + 1e-12 * solved.u_norm  # of the quadrature, and of rounding
     exact = []
     for part in parts:
         on = np.isin(mesh.side, part)
-        inner, touching = on & np.roll(on, 1), on | np.roll(on, 1)
+        inner = on & np.roll(on, 1)
+        touching = on | np.roll(on, 1)
         exact.append((moments[inner].sum() - off, moments[touching].sum() + off))
-    bound, free = solved.bound().lambda_, of.problem.free_sides
+    bound = solved.bound().lambda_
+    free = of.problem.free_sides
     return Pressed(mesh, solved.partition, solved.lambda_H, bound, parts, exact, free)

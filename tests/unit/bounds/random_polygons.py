@@ -58,7 +58,8 @@ def columns(rng):
     for i in range(len(heights) - 1, -1, -1):
         found += [(i + 1, heights[i]), (i, heights[i])]
     vertices = np.array([p for i, p in enumerate(found) if p != found[i - 1]], dtype=float)
-    turned, slanted = np.array([[3, 4], [-4, 3]]) / 8, np.array([[1, 0], [rng.integers(1, 9) / 8, 1]])
+    turned = np.array([[3, 4], [-4, 3]]) / 8
+    slanted = np.array([[1, 0], [rng.integers(1, 9) / 8, 1]])
     return vertices @ [np.eye(2), np.eye(2), turned, slanted][rng.integers(4)]
 
 

@@ -16,21 +16,21 @@ from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
 from symbolic import X, Y, plain, pos
 
-from unilateral.adaptive.loop import two_edges_per_cell
-from unilateral.bounds.mesh_data import enclose_data
-from unilateral.discrete.condensed import on_spaces
-from unilateral.discrete.loads import form_of
-from unilateral.discrete.multilevel import discretise_nested
+from unilateral.adaptive.loop import make_edge_pair_mesh
+from unilateral.bounds.enclosed_data import enclose_data
+from unilateral.discrete.condensed import discretise_on_condensed_spaces
+from unilateral.discrete.multilevel import discretise_on_adapted_mesh
+from unilateral.discrete.problem_data import problem_form
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import energy_norm
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.expression import ZERO
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.adapted import adapted, marked, refined
+from unilateral.geometry.adapted import mark_triangles, refine_and_balance, start_adapted_mesh
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind
+from unilateral.geometry.structured import default_mesh_kind
 from unilateral.problems import case as cases
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
@@ -58,37 +58,43 @@ def tried(kind, number, folder):
 
 def solutions(problem, rng):
     """On a uniform mesh, there with cells that are not made of edges, and on adapted ones."""
-    polygon, stop = problem.polygon, Stop()
+    polygon = problem.polygon
+    stop = Stop()
     H = polygon.lengths.max() / rng.integers(1, 5)
     mesh, cells = uniform(polygon, H, rng.random())
-    form = form_of(problem, mesh)
+    form = problem_form(problem, mesh)
     factorised = condense(mesh, form)
     data = enclose_data(problem, mesh, form)  # of a case, too, which is solved without them
-    discrete = on_spaces(problem, mixed_spaces(factorised, cells), data.source)
-    found = replace(discrete, data=data).solved(stop)
+    discrete = discretise_on_condensed_spaces(problem, mixed_spaces(factorised, cells), data.source)
+    found = replace(discrete, data=data).solve(stop)
     yield found
-    shifted = partitions.shifted(polygon, 1.3 * H, rng.random())
-    discrete = on_spaces(problem, mixed_spaces(factorised, shifted), data.source)
-    yield replace(discrete, data=data).solved(stop)
-    of, discrete = adapted(mesh), None
+    shifted = partitions.make_shifted_partition(polygon, 1.3 * H, rng.random())
+    discrete = discretise_on_condensed_spaces(problem, mixed_spaces(factorised, shifted), data.source)
+    yield replace(discrete, data=data).solve(stop)
+    of = start_adapted_mesh(mesh)
+    discrete = None
     for _ in range(ADAPTED):
-        of = refined(of, marked(of.mesh, found.shares))
-        discrete = discretise_nested(problem, of, discrete, found)
-        found = discrete.solved(stop)
+        of = refine_and_balance(of, mark_triangles(of.mesh, found.bound_shares))
+        discrete = discretise_on_adapted_mesh(problem, of, discrete, found)
+        found = discrete.solve(stop)
         yield found
 
 
 def uniform(polygon, H, choice):
     """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
     if choice < 0.4:
-        return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
-    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
+        return meshes.triangulate_from_cells(partitions.make_uniform_partition(polygon, 2 * H), 2, 1)
+    of = start_adapted_mesh(
+        make_edge_pair_mesh(polygon, H, default_mesh_kind(polygon) if choice < 0.8 else "unstructured")
+    )
     return of.mesh, of.partition
 
 
 def pairs(solved, rng):
     """(u_h, lambda_H), and others that do not solve the discrete problem."""
-    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.mesh
+    u = solved.u_h
+    lambda_H = solved.lambda_H
+    mesh = solved.mesh
     noise = rng.standard_normal(len(u))
     noise *= 10.0 ** rng.uniform(-4, 1) * energy_norm(mesh, u) / energy_norm(mesh, noise)
     inside = u.copy()
@@ -112,7 +118,8 @@ def known(number):
     rng = np.random.default_rng([16, number])
     family = FAMILIES[number % len(FAMILIES)]
     vertices, parts, gap, free = family(rng)
-    a, S = [dyadic(c) for c in rng.choice([0, 1, 30]) * rng.uniform(-1, 1, 2)], _size(rng)
+    a = [dyadic(c) for c in rng.choice([0, 1, 30]) * rng.uniform(-1, 1, 2)]
+    S = _size(rng)
     A = sympy.Integer(10) ** int(rng.choice([0, 0, -8, 8]))
     place = {X: (X - a[0] * S) / S, Y: (Y - a[1] * S) / S}
     u = sum(part.u for part in parts)
@@ -126,8 +133,10 @@ def known(number):
 
 def with_fluxes(number):
     """The same problem with du/dn given on some sides, in contact before or not: all but one at most."""
-    of, rng = known(number), np.random.default_rng([20, number])
-    vertices, free = of.problem.polygon.vertices, of.problem.free_sides
+    of = known(number)
+    rng = np.random.default_rng([20, number])
+    vertices = of.problem.polygon.vertices
+    free = of.problem.free_sides
     held = np.setdiff1d(np.arange(len(vertices)), free)
     some = rng.choice(held, rng.integers(1, len(held)) if len(held) > 1 else 0, replace=False).tolist()
     q = tuple(plain(of_u) if i in some else ZERO for i, of_u in enumerate(fluxes(of.u, vertices)))
@@ -142,7 +151,8 @@ def at_a_corner(number, folder):
     polygon = Polygon(vertices * float(_size(rng)), f"{kind}_{number}")
     at = 0.0 if kind != "harmonic" else round(rng.uniform(0.2, 0.5), 3)
     side = int(rng.integers(polygon.n_sides)) if at else 0
-    R, times = f"{0.9 * _room(polygon, side, at):.5f}", round(10.0 ** rng.uniform(-1, 1), 3)
+    R = f"{0.9 * _room(polygon, side, at):.5f}"
+    times = round(10.0 ** rng.uniform(-1, 1), 3)
     alpha = ["-1/4", "-1/10", "1/10", "1/3", "1/2", "5/4"][rng.integers(6)]
     atom = {"atom": "corner", "kind": kind, "side": 0, "cutoff": R, "times": times}
     u, gap, elsewhere = {
@@ -161,13 +171,14 @@ def at_a_corner(number, folder):
     }[kind]
     sides = [{"side": i, "formula": formula} for i, formula in gap.items()]
     file = case_file(folder, "thirds", u=u, gap={"sides": sides, "elsewhere": elsewhere})
-    return Catalogued(cases.load(file, polygon, side).problem)
+    return Catalogued(cases.load_solution(file, polygon, side).problem)
 
 
 def _room(polygon, side, at):
     """The distance of a place on a side from others and from the side's ends, in side lengths."""
     others = np.setdiff1d(np.arange(polygon.n_sides), [side] if at else [side, (side - 1) % polygon.n_sides])
-    starts, ends = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
+    starts = polygon.vertices
+    ends = np.roll(polygon.vertices, -1, axis=0)
     apart = segment_distances(polygon.point(side, at)[None], starts[others], ends[others])
     nearest = min(apart.min(initial=np.inf), np.inf if at else polygon.lengths[side - 1])
     return min(nearest / polygon.lengths[side], 1 - at)
@@ -204,12 +215,14 @@ def gentle(rng, slope):
         width = 1 / float(np.hypot(*k))
         return Part(dyadic(0.9 * slope * width) * wave, (Feature(sympy.S.Zero * X, width),))
     if kind in ("peak", "rational"):
-        w, square = dyadic(10.0 ** rng.uniform(-2.5, -0.3)), (X - a) ** 2 + (Y - b) ** 2
+        w = dyadic(10.0 ** rng.uniform(-2.5, -0.3))
+        square = (X - a) ** 2 + (Y - b) ** 2
         shape = sympy.exp(-square / w**2) if kind == "peak" else 1 / (1 + square / w**2)
         return Part(dyadic(slope * float(w)) * shape, (Feature(sympy.sqrt(square), float(w)),))
     if kind == "circle":
         r = dyadic(rng.uniform(0.05, 0.5))
-        square, k = (X - a) ** 2 + (Y - b) ** 2, POWERS[rng.integers(3)]
+        square = (X - a) ** 2 + (Y - b) ** 2
+        k = POWERS[rng.integers(3)]
         ring = Feature(sympy.sqrt(square) - r, float(r) / 20)
         return Part(dyadic(slope * float(r) / 6) * pos(1 - square / r**2, k), (ring,))
     angle = rng.uniform(0, 2 * np.pi)
@@ -234,7 +247,8 @@ def bump(rng, polygon):
     room = float(segment_distances(centre[None], starts, np.roll(starts, -1, axis=0)).min())
     r = dyadic(0.9 * room * 10.0 ** -rng.choice([0, 0, 0.3, 0.6, 1.2]))
     a, b = (dyadic(c) for c in centre)
-    square, k = (X - a) ** 2 + (Y - b) ** 2, [*POWERS, 4, 6, 8][rng.integers(7)]
+    square = (X - a) ** 2 + (Y - b) ** 2
+    k = [*POWERS, 4, 6, 8][rng.integers(7)]
     height = dyadic(
         float(rng.choice([-1, 1])) * float(r) * 10.0 ** (rng.uniform(-1, 1) + rng.choice([0, 0, 0, 0, -8, 8]))
     )
@@ -243,12 +257,14 @@ def bump(rng, polygon):
     features = (disc, Feature(sympy.sqrt(square) - r, float(r) / 20)) if k < 3 else (disc,)
     if rng.random() < 0.3:
         level = (X - a) + dyadic(rng.uniform(-2, 2)) * (Y - b)
-        u, features = u * pos(level, 2) / r**2, (*features, disc._replace(width=float(r) / 20))
+        u = u * pos(level, 2) / r**2
+        features = (*features, disc._replace(width=float(r) / 20))
     return Part(u, features)
 
 
 def _inside(rng, polygon):
-    low, high = polygon.vertices.min(axis=0), polygon.vertices.max(axis=0)
+    low = polygon.vertices.min(axis=0)
+    high = polygon.vertices.max(axis=0)
     while True:
         points = rng.uniform(low, high, (50, 2))
         found = points[polygon.contains(points)]
@@ -261,7 +277,8 @@ def flat(rng, vertices):
     if len(vertices) > 6:
         return Part(sympy.S.Zero)
     edges = np.roll(vertices, -1, axis=0) - vertices
-    product, at = sympy.S.One, vertices.mean(axis=0)
+    product = sympy.S.One
+    at = vertices.mean(axis=0)
     for (x, y), (ex, ey) in zip(vertices, edges, strict=True):
         scale = max(float(np.hypot(ex, ey) * np.abs(vertices - at).max()), 1e-3)
         product *= ((exact(ex) * (Y - exact(y)) - exact(ey) * (X - exact(x))) / dyadic(scale)) ** 2
@@ -289,7 +306,8 @@ def zone(rng, vertices, side, start, end):
         depth /= 2
     if depth <= 1e-3:
         return None
-    depth, q = dyadic(depth), POWERS[rng.integers(4)]
+    depth = dyadic(depth)
+    q = POWERS[rng.integers(4)]
     t, d = frame
     length = float(np.hypot(*(np.roll(vertices, -1, axis=0) - vertices)[side]))
     profile = pos(t - start, q) * pos(end - t, q) * dyadic(float(2 / (end - start)) ** float(2 * q))
@@ -304,8 +322,10 @@ def zone(rng, vertices, side, start, end):
 
 def _frame(vertices, side):
     """t along a side, from 0 to 1, and the distance from its line, in side lengths, as formulas."""
-    (x, y), (ex, ey) = ([exact(c) for c in z] for z in (vertices[side], vertices[(side + 1) % len(vertices)]))
-    ex, ey = ex - x, ey - y
+    (x, y) = [exact(c) for c in vertices[side]]
+    (ex, ey) = [exact(c) for c in vertices[(side + 1) % len(vertices)]]
+    ex = ex - x
+    ey = ey - y
     square = ex**2 + ey**2
     return (ex * (X - x) + ey * (Y - y)) / square, (ex * (Y - y) - ey * (X - x)) / square
 
@@ -316,12 +336,15 @@ def _clear(vertices, side, start, end, lowest, highest):
     moved = (vertices - vertices[side]) / (edge @ edge)
     local = np.column_stack([moved @ edge, moved @ np.array([-edge[1], edge[0]])])
     others = np.delete(np.arange(len(vertices)), side)
-    a, b = local[others], local[(others + 1) % len(vertices)]
-    first, last = np.zeros(len(a)), np.ones(len(a))
+    a = local[others]
+    b = local[(others + 1) % len(vertices)]
+    first = np.zeros(len(a))
+    last = np.ones(len(a))
     for i, low, high in ((0, start, end), (1, lowest, highest)):
         with np.errstate(all="ignore"):
             ends = (np.array([low, high])[:, None] - a[:, i]) / (b - a)[:, i]
-        level, within = a[:, i] == b[:, i], (low < a[:, i]) & (a[:, i] < high)
+        level = a[:, i] == b[:, i]
+        within = (low < a[:, i]) & (a[:, i] < high)
         first = np.where(level, np.where(within, first, 1), np.maximum(first, ends.min(axis=0)))
         last = np.where(level, np.where(within, last, 0), np.minimum(last, ends.max(axis=0)))
     return not np.any(last > first + 1e-12)
@@ -343,7 +366,8 @@ def everywhere(rng):
 def in_zones(rng):
     """Contact on parts of sides of any polygon, up to vertices or not; elsewhere a gap or a free side."""
     vertices = star(rng) if rng.random() < 0.5 else columns(rng)
-    n, polygon = len(vertices), Polygon(vertices)
+    n = len(vertices)
+    polygon = Polygon(vertices)
     loaded = rng.choice(n, rng.choice([0, 1, 1, 1, 2]), replace=False)
     zones = [_zones(rng, vertices, side, polygon.angles) if side in loaded else [] for side in range(n)]
     heights = [dyadic(10.0 ** rng.uniform(-2, 0.5)) for _ in range(n)]
@@ -384,10 +408,8 @@ def _gap(rng, t, zones, first, last):
     if not zones:
         k = int(rng.integers(1, 40))
         s = k * (t - dyadic(rng.uniform(0, 1)))
-        waves, steps = (
-            [sympy.sin(sympy.pi * s) ** 2, sympy.exp(-(s**2))],
-            [1 / (1 + s**2), sympy.tanh(s) ** 2],
-        )
+        waves = [sympy.sin(sympy.pi * s) ** 2, sympy.exp(-(s**2))]
+        steps = [1 / (1 + s**2), sympy.tanh(s) ** 2]
         more = [sympy.S.Zero, *waves, *steps, sympy.cosh(s / k) - 1, pos(s, sympy.Rational(3, 2))][
             rng.integers(7)
         ]
@@ -396,7 +418,8 @@ def _gap(rng, t, zones, first, last):
         dyadic(10.0 ** rng.uniform(0, 2)) * pos(t - a.end, p) * pos(b.start - t, p)
         for a, b in pairwise(zones)
     )
-    start, end = zones[0].start, zones[-1].end
+    start = zones[0].start
+    end = zones[-1].end
     if start > 0:
         found += first * pos(1 - t / start, p)
     if end < 1:
@@ -410,7 +433,8 @@ def beside_a_base(rng):
     Its flux is not negative on the other sides, whose angles with the base are at most 90 degrees.
     """
     vertices = over_a_base(rng)
-    k, c = dyadic(rng.uniform(0.2, 4)), (dyadic(rng.uniform(0.3, 0.7)), dyadic(0.5 * vertices[:, 1].max()))
+    k = dyadic(rng.uniform(0.2, 4))
+    c = (dyadic(rng.uniform(0.3, 0.7)), dyadic(0.5 * vertices[:, 1].max()))
     (x, y) = (float(each) for each in c)
     if distances(vertices - np.array([x, y]))[1:].min() < 0:
         return beside_a_base(rng)

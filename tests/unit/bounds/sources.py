@@ -5,10 +5,10 @@ from math import factorial
 from sympy import Poly, Rational
 from sympy.abc import s, t
 
-from unilateral.formulas.expression import atoms_in
-from unilateral.formulas.formula import compile_numpy, parse
-from unilateral.formulas.taylor_enclosures import evaluate
-from unilateral.problems.problem import curve
+from unilateral.formulas.expression import find_functions
+from unilateral.formulas.formula import compile_numpy, parse_formula
+from unilateral.formulas.taylor_enclosures import enclose_formula
+from unilateral.problems.problem import zero_curve
 
 FORMULAS = [
     "sin(3*x)*(1 + y)",
@@ -36,13 +36,13 @@ class Source:
     """f from a formula."""
 
     def __init__(self, text):
-        self.f = parse(text, ("x", "y"), "here")
-        steps = [power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0]
-        self.jumps = {step: curve(step.args[0])[0] for step in steps}
+        self.f = parse_formula(text, ("x", "y"), "here")
+        steps = [power for power in find_functions(self.f, "pos") if power.args[1].rational == 0]
+        self.jumps = {step: zero_curve(step.args[0])[0] for step in steps}
         self.value = compile_numpy([self.f], "xy")
 
     def model(self, x, y, steps):
-        return evaluate(self.f, {"x": x, "y": y}, steps)
+        return enclose_formula(self.f, {"x": x, "y": y}, steps)
 
 
 class Counted(Source):

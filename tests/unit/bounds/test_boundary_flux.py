@@ -11,17 +11,28 @@ from scipy.sparse.linalg import spsolve
 
 import unilateral as ul
 from unilateral.bounds import boundary_flux as module
-from unilateral.bounds.boundary_flux import EDGE_BALANCE, Given, edge_flux, given, nothing
-from unilateral.bounds.flux_residuals import put_tau
-from unilateral.bounds.residual_norm import J, ResidualParts
-from unilateral.fem.condense import matrix
+from unilateral.bounds.boundary_flux import (
+    EDGE_REACTION_RATIO,
+    GivenEdgeFlux,
+    build_normal_flux,
+    no_given_flux,
+    project_given_flux,
+)
+from unilateral.bounds.flux_residuals import add_given_flux_remainder
+from unilateral.bounds.residual_norm import BESSEL_ZERO, ResidualParts
+from unilateral.fem.condense import form_matrix
 from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
-from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, trace_constants, value_constants
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.oscillation import (
+    MEAN_FREE_SQUARE_CONSTANT,
+    SQUARE_CONSTANT,
+    trace_constants,
+    value_constants,
+)
 from unilateral.problems import piecewise
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -41,9 +52,10 @@ def flux_of(q):
 @pytest.mark.parametrize("q", FUNCTIONS)
 def test_moments_with_hats_are_exact(q):
     """Against adaptive quadrature, cut at the jump and the peak; where q is linear it is its own part."""
-    mesh, value = structured(square(), 1 / 4), FUNCTIONS[q]
-    found = given(flux_of(q), mesh)
-    load = edge_load(mesh, found.ends)[mesh.boundary[:5]]
+    mesh = make_structured_mesh(square(), 1 / 4)
+    value = FUNCTIONS[q]
+    found = project_given_flux(flux_of(q), mesh)
+    load = edge_load(mesh, found.end_values)[mesh.boundary[:5]]
     for i, x in enumerate(np.linspace(0, 1, 5)):
         cuts = sorted(
             {
@@ -58,7 +70,7 @@ def test_moments_with_hats_are_exact(q):
             for a, b in pairwise(cuts)
         ]
         assert load[i] == pytest.approx(sum(parts), abs=1e-12)
-    assert found.ends[4:].max() == 0
+    assert found.end_values[4:].max() == 0
     assert (distance(mesh, found) < 1e-10) == (q == "3*x - 1")
 
 
@@ -66,17 +78,18 @@ def distance(mesh, found, form=H1):
     """A bound on the norm of tau - tau~: that of p - tau~, and of a residual that has no parts but rho."""
     zero = np.zeros(len(mesh.triangles))
     parts = ResidualParts(mesh, form, zero.copy(), zero, zero, zero.copy(), zero + np.inf)
-    put_tau(parts, found)
-    return found.distance(mesh, form) + parts.norms()[0]
+    add_given_flux_remainder(parts, found)
+    return found.projection_error(mesh, form) + parts.dual_norms()[0]
 
 
 def supremum(mesh, found, fine, of_fine, form=H1):
     """sup <tau - tau~, v>/||v|| over V_h of a finer mesh, on which tau has those moments: a lower bound."""
-    x, edge = fine.s[:-1], np.searchsorted(mesh.s, 0.5 * (fine.s[1:] + fine.s[:-1])) - 1
+    x = fine.s[:-1]
+    edge = np.searchsorted(mesh.s, 0.5 * (fine.s[1:] + fine.s[:-1])) - 1
     at = (np.stack([x, fine.s[1:]], axis=1) - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
-    linear = found.ends[edge, :1] * (1 - at) + found.ends[edge, 1:] * at
-    rest = edge_load(fine, of_fine.ends - linear)
-    return np.sqrt(rest @ spsolve(matrix(fine, form).tocsc(), rest))
+    linear = found.end_values[edge, :1] * (1 - at) + found.end_values[edge, 1:] * at
+    rest = edge_load(fine, of_fine.end_values - linear)
+    return np.sqrt(rest @ spsolve(form_matrix(fine, form).tocsc(), rest))
 
 
 @pytest.mark.parametrize("q", [*FUNCTIONS][:3])
@@ -89,28 +102,38 @@ def test_what_is_left_is_bounded(q, kind):
     """
     polygon = square()
     mesh = {
-        "structured": lambda: structured(polygon, 1 / 8),
-        "gmsh": lambda: meshes.unstructured(polygon, 1 / 5),
-        "coarsest": lambda: structured(polygon, 1),
+        "structured": lambda: make_structured_mesh(polygon, 1 / 8),
+        "gmsh": lambda: meshes.make_unstructured_mesh(polygon, 1 / 5),
+        "coarsest": lambda: make_structured_mesh(polygon, 1),
     }[kind]()
-    fine = meshes.refine(mesh, 3 if kind != "coarsest" else 5)
+    fine = meshes.refine_uniformly(mesh, 3 if kind != "coarsest" else 5)
     flux = flux_of(q)
-    found = given(flux, mesh)
-    least = supremum(mesh, found, fine, given(flux, fine))
+    found = project_given_flux(flux, mesh)
+    least = supremum(mesh, found, fine, project_given_flux(flux, fine))
     assert least <= distance(mesh, found)
     assert kind == "coarsest" or distance(mesh, found) <= 6 * least
-    assert distance(mesh, found._replace(left=0 * found.left)) < least
+    assert distance(mesh, found._replace(oscillation=0 * found.oscillation)) < least
 
 
 def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
     """400 waves with 8 pieces: p is nothing like it. Control: what p leaves is nothing."""
-    right, mesh = flux_of("1 + sin(40*pi*x)"), structured(square(), 1 / 2)
-    monkeypatch.setattr(piecewise, "MOST_PIECES", 8)
-    found, fine = given(flux_of("1 + sin(40*pi*x)"), mesh), meshes.refine(mesh, 5)
-    least = supremum(mesh, found, fine, given(right, fine))
+    right = flux_of("1 + sin(40*pi*x)")
+    mesh = make_structured_mesh(square(), 1 / 2)
+    monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", 8)
+    found = project_given_flux(flux_of("1 + sin(40*pi*x)"), mesh)
+    fine = meshes.refine_uniformly(mesh, 5)
+    least = supremum(mesh, found, fine, project_given_flux(right, fine))
     assert least <= distance(mesh, found)
-    assert found.unknown(mesh, H1) > 0.5 * distance(mesh, found) > 0.1
-    assert distance(mesh, found._replace(size=0 * found.size, integral=0 * found.integral)) < least
+    assert found.remainder_dual_norm(mesh, H1) > 0.5 * distance(mesh, found) > 0.1
+    assert (
+        distance(
+            mesh,
+            found._replace(
+                remainder_norms=0 * found.remainder_norms, remainder_integrals=0 * found.remainder_integrals
+            ),
+        )
+        < least
+    )
 
 
 @pytest.mark.parametrize("form", [H1, Form(2.0, 1e3), Form(0.5, 0.1)])
@@ -121,23 +144,28 @@ def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n, form):
     Their norms and integrals on every edge are exact. Control: without the integral, and without the norm,
     the bounds are too small; but for means on triangles that are large, whose constants are too good.
     """
-    mesh, bottom = structured(square(), 1 / n), np.arange(4 * n) < n
+    mesh = make_structured_mesh(square(), 1 / n)
+    bottom = np.arange(4 * n) < n
     of_means = rho == "mean"
     zero = np.zeros(4 * n)
-    norm, mean = np.where(bottom, n**-0.5, 0.0), np.where(bottom & of_means, 1 / n, 0.0)
-    found = Given(np.zeros((4 * n, 2)), zero, norm, mean)
-    fine = meshes.refine(mesh, 5 if n == 1 else 3)
-    exact = given(flux_of("1" if of_means else f"sqrt(2)*cos({n}*pi*x)"), fine)
-    least = supremum(mesh, nothing(mesh), fine, exact, form)
+    norm = np.where(bottom, n**-0.5, 0.0)
+    mean = np.where(bottom & of_means, 1 / n, 0.0)
+    found = GivenEdgeFlux(np.zeros((4 * n, 2)), zero, norm, mean)
+    fine = meshes.refine_uniformly(mesh, 5 if n == 1 else 3)
+    exact = project_given_flux(flux_of("1" if of_means else f"sqrt(2)*cos({n}*pi*x)"), fine)
+    least = supremum(mesh, no_given_flux(mesh), fine, exact, form)
     assert least <= distance(mesh, found, form)
-    without = found._replace(integral=zero) if of_means else found._replace(size=zero)
+    without = found._replace(remainder_integrals=zero) if of_means else found._replace(remainder_norms=zero)
     assert distance(mesh, without, form) < least or (of_means and form.c / n**2 > 0.1 * form.k)
 
 
 def test_a_jump_at_a_node_may_be_on_either_edge():
     """Of height 3, within a few units in the last place of 1/2: both edges have it; others have round-off."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("3*pos(x - 1/2, 0)")
-    norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
+    mesh = make_structured_mesh(square(), 1 / 4)
+    flux = flux_of("3*pos(x - 1/2, 0)")
+    norm, integral = module._remainder_bounds(
+        flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float))
+    )
     assert np.all(norm[1:3] >= 3 * np.sqrt(flux.reach))
     assert np.all(integral[1:3] >= 3 * flux.reach)
     assert norm[[0, 3]].max() < 1e-6 * norm[1:3].min()
@@ -145,9 +173,12 @@ def test_a_jump_at_a_node_may_be_on_either_edge():
 
 def test_one_jump_at_a_node_is_on_both_edges():
     """A single place, 1/2, where rho is up to 3 within the reach: on either edge that is a whole reach."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("0")
+    mesh = make_structured_mesh(square(), 1 / 4)
+    flux = flux_of("0")
     flux = replace(flux, points=np.array([0.0, 0.5, 4.0]), jumps=np.array([0.0, 3.0, 0.0]), reach=1e-3)
-    norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
+    norm, integral = module._remainder_bounds(
+        flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float))
+    )
     assert np.all(norm[1:3] >= 3 * np.sqrt(1e-3))
     assert np.all(integral[1:3] >= 3 * 1e-3)
     assert norm[[0, *range(3, 16)]].max() == 0
@@ -155,19 +186,24 @@ def test_one_jump_at_a_node_is_on_both_edges():
 
 def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
     """Its place is known up to the reach: on twice that the flux may differ by 3."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("3*pos(x - 1/3, 0)")
+    mesh = make_structured_mesh(square(), 1 / 4)
+    flux = flux_of("3*pos(x - 1/3, 0)")
     at = np.argmin(np.abs(flux.points - 1 / 3))
     flux = replace(flux, jumps=np.where(np.arange(len(flux.jumps)) == at, 3.0, 0.0))
-    norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
+    norm, integral = module._remainder_bounds(
+        flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float))
+    )
     assert norm[1] == pytest.approx(3 * np.sqrt(2 * flux.reach))
     assert integral[1] == pytest.approx(3 * 2 * flux.reach)
 
 
 def test_places_on_an_edge_are_known_up_to_the_reach():
     """Moved by that, a flux changes its mean by as much over the edge; and 8 products are summed for it."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("1000/3")
-    edge, size = np.array([0, 1]), np.array([2.0, 3.0])
-    found = module._rounding(flux, mesh, edge, size)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    flux = flux_of("1000/3")
+    edge = np.array([0, 1])
+    size = np.array([2.0, 3.0])
+    found = module._given_flux_rounding(flux, mesh, edge, size)
     assert np.all(found[:2] >= size * (8 * 2**-52 + flux.reach / 0.25))
     assert not found[2:].any()
 
@@ -175,16 +211,16 @@ def test_places_on_an_edge_are_known_up_to_the_reach():
 def test_rounding_is_unknown_too():
     """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
     flux = flux_of("1000/3")
-    exact = replace(flux, doubt=0 * flux.doubt, jumps=0 * flux.jumps)
-    found = given(exact, structured(square(), 1 / 4))
-    assert 2**-53 * 333 < found.unknown(structured(square(), 1 / 4), H1) < 1e-10
+    exact = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps)
+    found = project_given_flux(exact, make_structured_mesh(square(), 1 / 4))
+    assert 2**-53 * 333 < found.remainder_dual_norm(make_structured_mesh(square(), 1 / 4), H1) < 1e-10
 
 
 def test_a_jump_leaves_next_to_nothing_unknown():
     """A piece of 2^-44 with half of the jump: in L2 2^-23; its mean is 2^-45."""
-    mesh = structured(square(), 1 / 8)
-    found = given(flux_of("2*pos(x - 1/3, 0)"), mesh)
-    assert found.unknown(mesh, H1) <= 2**-20
+    mesh = make_structured_mesh(square(), 1 / 8)
+    found = project_given_flux(flux_of("2*pos(x - 1/3, 0)"), mesh)
+    assert found.remainder_dual_norm(mesh, H1) <= 2**-20
     assert distance(mesh, found) > 0.01
 
 
@@ -192,17 +228,17 @@ def test_a_flux_without_bounds_is_not_taken_for_one():
     """1/x on a side that ends at 0, which a file refuses: nothing is known."""
     problem = ul.Problem(SQUARE, f=0, g=0, free_sides=[0], q="x")
     worse = replace(problem, q=(problem.q[0] ** -1, *problem.q[1:]))
-    mesh = structured(square(), 1 / 2)
-    assert distance(mesh, given(worse.enclosed_flux, mesh)) == np.inf
+    mesh = make_structured_mesh(square(), 1 / 2)
+    assert distance(mesh, project_given_flux(worse.enclosed_flux, mesh)) == np.inf
 
 
 def test_none_is_given():
-    mesh = structured(square(), 1 / 2)
-    found = given(ul.case("natural").enclosed_flux, mesh)
+    mesh = make_structured_mesh(square(), 1 / 2)
+    found = project_given_flux(ul.case("natural").enclosed_flux, mesh)
     assert distance(mesh, found) < 1e-140
-    assert found.unknown(mesh, H1) == 0
-    assert not found.ends.any()
-    assert nothing(mesh).left.shape == (8,)
+    assert found.remainder_dual_norm(mesh, H1) == 0
+    assert not found.end_values.any()
+    assert no_given_flux(mesh).oscillation.shape == (8,)
 
 
 def test_what_the_flux_leaves_of_lambda_is_its_norm():
@@ -211,19 +247,21 @@ def test_what_the_flux_leaves_of_lambda_is_its_norm():
     q.n >= 0 is linear; where it is not lambda_H's linear part, only the mean is kept, with the larger
     constant.
     """
-    mesh, cells = structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
+    mesh = make_structured_mesh(square(), 1 / 3)
+    cells = partitions.make_shifted_partition(square(), 0.11, 0.3)
     lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
-    found = edge_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(c=0.0))
-    x, limited = (np.arange(20_000) + 0.5) / 20_000, []
+    found = build_normal_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(c=0.0))
+    x = (np.arange(20_000) + 0.5) / 20_000
+    limited = []
     for e, length in enumerate(np.diff(mesh.s)):
         value = lambda_H[np.searchsorted(cells.points, mesh.s[e] + length * x) - 1]
-        q_n = found.ends[e, 0] * (1 - x) + found.ends[e, 1] * x
-        assert found.rest[e] == pytest.approx(length * np.mean((value - q_n) ** 2), rel=2e-3)
+        q_n = found.end_values[e, 0] * (1 - x) + found.end_values[e, 1] * x
+        assert found.oscillation_squares[e] == pytest.approx(length * np.mean((value - q_n) ** 2), rel=2e-3)
         assert np.mean(q_n) == pytest.approx(np.mean(value), rel=1e-3)
         slope = 6 * np.mean((2 * x - 1) * value)
-        limited.append(abs(np.diff(found.ends[e])[0] - slope) > 1e-2 * abs(slope))
-    assert np.all(found.ends >= 0)
-    np.testing.assert_array_equal(found.constant == MEAN_FREE_ON_SQUARE, limited)
+        limited.append(abs(np.diff(found.end_values[e])[0] - slope) > 1e-2 * abs(slope))
+    assert np.all(found.end_values >= 0)
+    np.testing.assert_array_equal(found.square_constants == MEAN_FREE_SQUARE_CONSTANT, limited)
     assert 0 < sum(limited) < len(limited)
 
 
@@ -233,7 +271,7 @@ def test_the_constants_on_squares_cannot_be_smaller():
     k = 1 is orthogonal to constants on every edge of length h, k = 2 to linear functions: 1 / (k pi) at
     least.
     """
-    for k, constant in ((1, MEAN_FREE_ON_SQUARE), (2, ON_SQUARE)):
+    for k, constant in ((1, MEAN_FREE_SQUARE_CONSTANT), (2, SQUARE_CONSTANT)):
         assert 1 / (k * np.pi) <= constant <= 1.01 / (k * np.pi)
     x = np.linspace(0, 1, 1001)
     assert (
@@ -244,30 +282,33 @@ def test_the_constants_on_squares_cannot_be_smaller():
 @pytest.mark.parametrize("form", [Form(4.0, 1.0), Form(1.0, 0.0, (2,), friedrichs=3.0)])
 def test_what_is_unknown_counts_by_gradients_and_values(form):
     """||rho||_e times the root of the triangle's constant over k; the mean over |T|^(1/2) by W."""
-    mesh = structured(square(), 1 / 8)
+    mesh = make_structured_mesh(square(), 1 / 8)
     size, integral = np.zeros((2, 32))
-    size[3], integral[4] = 2.0, 5.0
-    rho = Given(np.zeros((32, 2)), np.ones(32), size, integral)
-    constant = trace_constants(mesh, 1 / J)[3]
+    size[3] = 2.0
+    integral[4] = 5.0
+    rho = GivenEdgeFlux(np.zeros((32, 2)), np.ones(32), size, integral)
+    constant = trace_constants(mesh, 1 / BESSEL_ZERO)[3]
     of_values = 5.0 / math.sqrt(mesh.areas[0]) * form.value_constant
-    assert rho.unknown(mesh, form) == pytest.approx(2 * math.sqrt(constant / form.k) + of_values)
+    assert rho.remainder_dual_norm(mesh, form) == pytest.approx(2 * math.sqrt(constant / form.k) + of_values)
 
 
 def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_moments():
     """As if places were known up to a hundredth of an edge: a flux of 5 is known up to 0.05."""
-    mesh, flux = structured(square(), 1 / 8), flux_of("5")
-    flux = replace(flux, doubt=0 * flux.doubt, jumps=0 * flux.jumps, reach=0.01 / 8)
-    found = given(flux, mesh)
-    assert np.all(found.size[:8] >= 0.05 * np.sqrt(1 / 8))
-    assert np.all(found.integral[:8] >= 0.05 / 8)
-    assert not found.size[8:].any()
+    mesh = make_structured_mesh(square(), 1 / 8)
+    flux = flux_of("5")
+    flux = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps, reach=0.01 / 8)
+    found = project_given_flux(flux, mesh)
+    assert np.all(found.remainder_norms[:8] >= 0.05 * np.sqrt(1 / 8))
+    assert np.all(found.remainder_integrals[:8] >= 0.05 / 8)
+    assert not found.remainder_norms[8:].any()
 
 
 def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():
     """H_i lambda_i / k, of two cells that meet inside an edge."""
-    mesh, cells = structured(square(), 1 / 2), partitions.from_points(square(), [0, 0.3, 1, 2, 3, 4])
+    mesh = make_structured_mesh(square(), 1 / 2)
+    cells = partitions.from_points(square(), [0, 0.3, 1, 2, 3, 4])
     lambda_H = np.array([2.0, 1.0, 0.5, 0.0, 0.0])
-    found = edge_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(2.0, 0.0)).push
+    found = build_normal_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(2.0, 0.0)).contact_scale
     assert found.tolist() == pytest.approx([0.35, 0.35, 0.25, 0.25, 0, 0, 0, 0])
 
 
@@ -277,19 +318,21 @@ def test_where_no_layer_is_seen_sigma_is_at_most_the_flux_of_u_h(ratio):
 
     lambda_H = 5 is mu, so that nothing but mu - sigma is left of it.
     """
-    mesh, cells, k = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 4), 3.0
-    form = Form(k, ratio * EDGE_BALANCE * k * 16)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 4)
+    k = 3.0
+    form = Form(k, ratio * EDGE_REACTION_RATIO * k * 16)
     lambda_H = np.full(cells.n_cells, 5.0)
-    found = edge_flux(mesh, cells, lambda_H, mesh.points[:, 0], form)
+    found = build_normal_flux(mesh, cells, lambda_H, mesh.points[:, 0], form)
     w = min(1.0, 1 / ratio) ** 2
     for side, flux in ((0, 0.0), (1, 3.0), (2, 0.0), (3, 0.0)):
         expected = w * 5 + (1 - w) * flux
-        assert found.ends[mesh.side == side] == pytest.approx(expected)
-        assert found.lowered[mesh.side == side] == pytest.approx((5 - expected) ** 2 / 4)
-    assert not found.rest.any()
-    lowered = math.sqrt(value_constants(mesh, form) @ found.lowered)
-    assert found.distance(mesh, form) == pytest.approx(lowered)
-    assert found.push == pytest.approx(w * 5 / 4 / 3)
-    free = edge_flux(mesh, cells, 0 * lambda_H, mesh.points[:, 0], form)
-    assert not free.ends.any()
-    assert free.distance(mesh, form) == 0
+        assert found.end_values[mesh.side == side] == pytest.approx(expected)
+        assert found.reduction_squares[mesh.side == side] == pytest.approx((5 - expected) ** 2 / 4)
+    assert not found.oscillation_squares.any()
+    lowered = math.sqrt(value_constants(mesh, form) @ found.reduction_squares)
+    assert found.multiplier_distance(mesh, form) == pytest.approx(lowered)
+    assert found.contact_scale == pytest.approx(w * 5 / 4 / 3)
+    free = build_normal_flux(mesh, cells, 0 * lambda_H, mesh.points[:, 0], form)
+    assert not free.end_values.any()
+    assert free.multiplier_distance(mesh, form) == 0

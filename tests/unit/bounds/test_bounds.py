@@ -18,19 +18,19 @@ from known_solutions import Feature
 from symbolic import X
 
 from unilateral.bounds import feasible, local_bounds, sharp_bounds
-from unilateral.bounds.constraint import constraint
+from unilateral.bounds.constraint import build_constraint
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.residual_norm import ResidualParts
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.errors import InputError
 from unilateral.fem.form import H1
-from unilateral.formulas.taylor import number
+from unilateral.formulas.taylor import number_model
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
 from unilateral.norms.exact_errors import cell_means
 
 BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
@@ -69,7 +69,7 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
 TEN_DEGREES = np.radians(10)
 SEEN = {
     "square": (square().vertices, 0.45, 0.55),
-    "lshape": (named("lshape").vertices, -0.45, 0.55),
+    "lshape": (find_polygon("lshape").vertices, -0.45, 0.55),
     "30-60-90": ([[0, 0], [np.sqrt(3), 0], [np.sqrt(3), 1]], 1.2, 0.3),
     "10 degrees": ([[0, 0], [1, 0], [np.cos(TEN_DEGREES), np.sin(TEN_DEGREES)]], 0.7, 0.06),
     "re-entrant": ([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]], 0.7, 0.2),
@@ -87,17 +87,21 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     """
     vertices, a, b = SEEN[name]
     polygon = Polygon(np.array(vertices), name)
-    x, y = f"(x - {a})", f"(y - {b})"
+    x = f"(x - {a})"
+    y = f"(y - {b})"
     problem = Manufactured(polygon, f"({x}**2 + {y}**2)/2 + {x}**3/200 + {y}**4/200 + 0.03*{x}*{y}")
-    mesh, cells = meshes.unstructured(polygon, 0.11), partitions.shifted(polygon, 0.27, shift)
-    flux = problem.boundary(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
+    mesh = meshes.make_unstructured_mesh(polygon, 0.11)
+    cells = partitions.make_shifted_partition(polygon, 0.27, shift)
+    flux = problem.trace_flux_and_gap(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
     assert np.all(flux > 0)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
     given = given_to(problem, mesh, cells, u_h, lambda_H)
-    local, sharp = local_bound(*given), sharp_bound(*given)
-    error, true = problem.error(mesh, u_h), dual_norm(cells, [problem]).of_error(problem, lambda_H[None])
-    assert sharp.lifting > 0
+    local = local_bound(*given)
+    sharp = sharp_bound(*given)
+    error = problem.error(mesh, u_h)
+    true = build_dual_norm(cells, [problem]).bound_error(problem, lambda_H[None])
+    assert sharp.lift_norm > 0
     assert error <= local.u <= 2 * error
     assert error <= sharp.u <= 1.3 * error
     assert true.lower[0] <= local.lambda_
@@ -108,14 +112,15 @@ class OnlyTopAndBottom(Manufactured):
     """g is absurd on the sides 1 and 3."""
 
     def obstacle_model(self, side, t):
-        return super().obstacle_model(side, t) + number(t, np.where(side % 2 == 1, 1e6, 0.0))
+        return super().obstacle_model(side, t) + number_model(t, np.where(side % 2 == 1, 1e6, 0.0))
 
 
 @pytest.mark.parametrize(("bound", "index"), [(local_bound, 1.3), (sharp_bound, 1.1)])
 def test_free_sides_have_no_obstacle(bound, index):
     """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
     problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
-    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh = make_structured_mesh(square(), 1 / 16)
+    cells = partitions.make_uniform_partition(square(), 1 / 8)
     lambda_H = cell_means(problem, cells).lambda_means
     lambda_H[cells.side % 2 == 1] = 0
     u_h = u_of(problem, mesh, cells, lambda_H)
@@ -128,21 +133,23 @@ def test_free_sides_have_no_obstacle(bound, index):
 def test_nothing_but_free_sides(bound, n):
     """Neumann's problem: only what f - f_h does is left beside eta, and for u_h d = v - u_h."""
     problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
-    mesh, cells = structured(square(), 1 / n), partitions.uniform(square(), 2 / n)
+    mesh = make_structured_mesh(square(), 1 / n)
+    cells = partitions.make_uniform_partition(square(), 2 / n)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     found = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
     error = problem.error(mesh, u_h)
     assert error <= found.u <= 1.3 * error
     assert found.lambda_ == 0
-    assert found.lifting < 1e-140  # what squares that underflow may hide
+    assert found.lift_norm < 1e-140  # what squares that underflow may hide
 
 
 @BOUNDS
 def test_a_mesh_of_one_triangle(bound):
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
-    mesh, cells = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]]), partitions.uniform(polygon, 2)
+    mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
+    cells = partitions.make_uniform_partition(polygon, 2)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
     assert bound(*given_to(problem, mesh, cells, u_h, lambda_H)).u >= problem.error(mesh, u_h)
@@ -152,14 +159,16 @@ def test_a_mesh_of_one_triangle(bound):
 def test_what_is_free_of_means_on_triangles_counts(bound, monkeypatch):
     """u = cos(8 pi x), a wave per edge: without that part of f the bound is below the error."""
     problem = Manufactured(square(), "cos(8*pi*x)", "10")
-    mesh, cells = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     given = given_to(problem, mesh, cells, u_h, zero)
-    error, own = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)]), ResidualParts.norms
+    error = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)])
+    own = ResidualParts.dual_norms
     assert error <= bound(*given).u
     without = {"oscillation": np.zeros(len(mesh.triangles))}
-    monkeypatch.setattr(ResidualParts, "norms", lambda self: own(self._replace(**without)))
+    monkeypatch.setattr(ResidualParts, "dual_norms", lambda self: own(self._replace(**without)))
     assert bound(*given).u < error
 
 
@@ -173,10 +182,10 @@ def test_noise_in_u_h_is_in_the_residual(size):
 def test_a_triangle_s_share_is_its_own():
     """A value of u_h at a node in the middle moves shares of triangles at its neighbours, and no others."""
     of = pair("natural", 16)
-    node, n = np.argmin(np.hypot(*(of.mesh.points - 0.5).T)), of.mesh.n_nodes
-    before, after = (
-        local_bound(*of._replace(u_h=of.u_h + 0.01 * moved).given).shares for moved in (0, np.eye(n)[node])
-    )
+    node = np.argmin(np.hypot(*(of.mesh.points - 0.5).T))
+    n = of.mesh.n_nodes
+    before = local_bound(*of._replace(u_h=of.u_h + 0.01 * 0).given).shares
+    after = local_bound(*of._replace(u_h=of.u_h + 0.01 * np.eye(n)[node]).given).shares
     nodes = of.mesh.triangles
     near = np.isin(nodes, nodes[(nodes == node).any(axis=1)]).any(axis=1)
     assert np.all(after[~near] == before[~near])
@@ -188,11 +197,12 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
     """Control: for lambda_H = 0 the flux is that of Neumann's problem; its v, below g, seems to be exact."""
     of = pair("full_contact", 8, crude="zero")
     assert of.exceeded_by(bound(*of.given))
-    monkeypatch.setattr(feasible, "in_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
+    monkeypatch.setattr(feasible, "find_contact", lambda g, u_h, _: np.zeros(len(u_h), dtype=bool))
     assert of.exceeded_by(bound(*of.given))
-    nothing = feasible.Missing(*np.zeros((4, len(of.mesh.boundary))))
-    monkeypatch.setattr(feasible, "raised", lambda g, form, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool)))
-    monkeypatch.setattr(feasible, "missing", lambda *_: nothing)
+    nothing = feasible.Shortfall(*np.zeros((4, len(of.mesh.boundary))))
+    no_contact = np.zeros(len(of.mesh.boundary), dtype=bool)
+    monkeypatch.setattr(feasible, "raise_to_obstacle", lambda *_, v, **__: (v, no_contact))
+    monkeypatch.setattr(feasible, "bound_shortfall", lambda *_: nothing)
     assert not of.exceeded_by(bound(*of.given))
 
 
@@ -201,30 +211,32 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
 )
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, times, monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is so many times as large."""
-    of, own = pair("full_contact", 8), module.edge_flux
+    of = pair("full_contact", 8)
+    right = module.build_normal_flux(of.mesh, of.cells, of.lambda_H, of.u_h, H1)
     wrong = of._replace(lambda_H=times * of.lambda_H)
-    lower = float(norm_for("full_contact", 4, "square").of_error(of.case, wrong.lambda_H[None]).lower[0])
+    lower = float(norm_for("full_contact", 4, "square").bound_error(of.case, wrong.lambda_H[None]).lower[0])
     assert lower <= bound(*wrong.given).lambda_
-    monkeypatch.setattr(module, "edge_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H, of.u_h, H1))
+    monkeypatch.setattr(module, "build_normal_flux", lambda *_: right)
     assert lower > 5 * bound(*wrong.given).lambda_
 
 
 def near_the_solution():
     """What both bounds take, of a problem without contact to speak of."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    cells = partitions.uniform(square(), 1 / 2)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
     return given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5))
 
 
 def with_more_missing(bound, monkeypatch, field, more):
     """The bound as it is, and if that much more is missing on every edge."""
-    own = feasible.missing
+    own = feasible.bound_shortfall
 
     def missing(*given):
         return own(*given)._replace(**{field: getattr(own(*given), field) + more})
 
     before = bound(*near_the_solution())
-    monkeypatch.setattr(feasible, "missing", missing)
+    monkeypatch.setattr(feasible, "bound_shortfall", missing)
     return before, bound(*near_the_solution())
 
 
@@ -234,8 +246,8 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
 
     D is small here against eta, so that nothing is taken off again.
     """
-    found = with_more_missing(bound, monkeypatch, "slack", 0.5 / 16)
-    assert all(each.lifting < 0.2 for each in found)
+    found = with_more_missing(bound, monkeypatch, "edge_complementarity", 0.5 / 16)
+    assert all(each.lift_norm < 0.2 for each in found)
     before, after = (each.u**2 for each in found)
     assert after - before == pytest.approx(1, rel=1e-6)
 
@@ -243,10 +255,10 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
 @BOUNDS
 def test_what_is_missing_counts_for_u_by_its_norm(bound, monkeypatch):
     """X^2 <= R + D^2: where D is larger, and R as before, the square for u has the difference of both D^2."""
-    found = with_more_missing(bound, monkeypatch, "squares", 0.01)
-    before, after = (each.u**2 - each.lifting**2 for each in found)
+    found = with_more_missing(bound, monkeypatch, "extension_squares", 0.01)
+    before, after = (each.u**2 - each.lift_norm**2 for each in found)
     assert after == pytest.approx(before, rel=1e-6)
-    assert found[1].lifting > found[0].lifting + 0.1
+    assert found[1].lift_norm > found[0].lift_norm + 0.1
 
 
 def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
@@ -254,17 +266,19 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
 
     <sigma, u_h + d - g> grows by 2 t times the force, and the function added is t on the whole boundary.
     """
-    of, t = pair("full_contact", 8), 1e-3
-    force, shorts = of.cells.lengths @ of.lambda_H, []
-    own = feasible.missing
-    monkeypatch.setattr(feasible, "missing", lambda *given: shorts.append(own(*given)) or shorts[-1])
+    of = pair("full_contact", 8)
+    t = 1e-3
+    force = of.cells.lengths @ of.lambda_H
+    shorts = []
+    own = feasible.bound_shortfall
+    monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: shorts.append(own(*given)) or shorts[-1])
     data, *others = of.given
     g = of.case.problem.enclosed_obstacle
-    for obstacle in (g, replace(g, doubt=g.doubt + t, upper=g.upper + t)):
-        local_bound(replace(data, constraint=constraint(obstacle, of.mesh, H1)), *others)
+    for obstacle in (g, replace(g, remainder=g.remainder + t, upper=g.upper + t)):
+        local_bound(replace(data, constraint=build_constraint(obstacle, of.mesh, H1)), *others)
     known, doubtful = shorts
-    assert doubtful.product - known.product == pytest.approx(2 * t * force, rel=1e-6)
-    np.testing.assert_allclose(doubtful.added, t, rtol=1e-6)
+    assert doubtful.complementarity - known.complementarity == pytest.approx(2 * t * force, rel=1e-6)
+    np.testing.assert_allclose(doubtful.nodal_raise, t, rtol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [30, 1000])
@@ -280,24 +294,28 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
             f="1",
             g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
         )
-        mesh, cells = meshes.unstructured(problem.polygon, 0.5), partitions.uniform(problem.polygon, 1.0)
-        u_h, lambda_H = np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)
-        return local_bound(enclose_data(problem, mesh, H1), cells, u_h, lambda_H, H1).lifting
+        mesh = meshes.make_unstructured_mesh(problem.polygon, 0.5)
+        cells = partitions.make_uniform_partition(problem.polygon, 1.0)
+        u_h = np.full(mesh.n_nodes, 0.99)
+        lambda_H = np.zeros(cells.n_cells)
+        return local_bound(enclose_data(problem, mesh, H1), cells, u_h, lambda_H, H1).lift_norm
 
     assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
 
 
 @BOUNDS
 def test_bad_input(bound):
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
-    cells = partitions.uniform(square(), 1 / 2)
-    u_h, lambda_H = np.zeros(mesh.n_nodes), np.ones(cells.n_cells)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
+    u_h = np.zeros(mesh.n_nodes)
+    lambda_H = np.ones(cells.n_cells)
 
     def refused(cells=cells, u_h=u_h, lambda_H=lambda_H, free=()):
         with sentences.raises(InputError):
             bound(*given_to(problem, mesh, cells, u_h, lambda_H, free))
 
-    refused(cells=partitions.uniform(named("lshape"), 1))
+    refused(cells=partitions.make_uniform_partition(find_polygon("lshape"), 1))
     refused(u_h=u_h[1:])
     refused(lambda_H=np.full(8, np.nan))
     refused(lambda_H=lambda_H - 1.5)

@@ -13,18 +13,18 @@ import unilateral as ul
 from unilateral.bounds import clamped_ends as module
 from unilateral.bounds import local_bounds
 from unilateral.bounds.clamped_ends import (
-    ADDED,
+    LOWERING_PER_REMAINDER,
     ClampedEnds,
-    Clamps,
-    inside_reach,
-    missing,
-    none,
+    ReactionData,
+    conflict_allowances,
+    gap_nodes,
+    no_clamped_ends,
+    no_reactions,
     outflows,
-    unclamped,
 )
 from unilateral.fem.form import Form
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 LENGTHS = np.array([0.1, 0.2, 0.3, 0.4])
 """Of the four edges of each side of the unit square, along the boundary."""
@@ -45,49 +45,50 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
     """
     edges = np.flatnonzero(np.isin(BOUNDARY.side, [0, clamped]))
     g = SimpleNamespace(
-        edge=np.repeat(edges, 2), upper=np.zeros(2 * len(edges)), doubt=np.zeros(2 * len(edges))
+        edge=np.repeat(edges, 2), g_upper=np.zeros(2 * len(edges)), remainder=np.zeros(2 * len(edges))
     )
     for edge, doubt in doubts:
-        g.doubt[np.flatnonzero(g.edge == edge)[0]] = doubt
+        g.remainder[np.flatnonzero(g.edge == edge)[0]] = doubt
     for edge, high in upper:
-        g.upper[np.flatnonzero(g.edge == edge)[0]] = high
-    push, u_h = np.zeros(16), np.full(16, 9.0)
+        g.g_upper[np.flatnonzero(g.edge == edge)[0]] = high
+    push = np.zeros(16)
+    u_h = np.full(16, 9.0)
     push[list(pushed)] = 1e-9
     u_h[:5] = u_on_side_0
     form = Form(c=0.0, clamped=(clamped,), free=tuple({1, 2, 3} - {clamped}))
-    lift = SimpleNamespace(g=g)
-    return module.clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(push=push), 7.0)
+    lift = SimpleNamespace(constraint=g)
+    return module.find_clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(contact_scale=push), 7.0)
 
 
 def test_the_part_after_a_clamped_side_has_its_least_gap():
     """Up to where the gap is below half of 2.5: three edges, on which it is 2 at least."""
     found = ends(clamped=3)
-    assert found.reach == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
+    assert found.gap_length == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
     assert found.gamma == pytest.approx([2.0, 1, 1, 1])
-    assert found.product == 7.0
+    assert found.gamma_force_bound == 7.0
 
 
 def test_the_part_before_a_clamped_side_runs_backwards():
     """From the other end of side 0, with its longest edge first; gaps are 2.5, 2, 2, 1.2 from there."""
     found = ends(clamped=1, u_on_side_0=U_H[::-1])
-    assert found.reach == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
+    assert found.gap_length == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
     assert found.gamma == pytest.approx([1, 2.0, 1, 1])
 
 
 def test_where_all_of_a_side_is_wide_all_of_it_counts():
     found = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
-    assert (found.reach[0], found.gamma[0]) == pytest.approx((1.0, 2.0))
+    assert (found.gap_length[0], found.gamma[0]) == pytest.approx((1.0, 2.0))
 
 
 @pytest.mark.parametrize("u_at_vertex", [0.0, -1.0])
 def test_without_a_gap_at_the_vertex_nothing_is_known(u_at_vertex):
     found = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
-    assert not found.reach.any()
+    assert not found.gap_length.any()
 
 
 def test_beside_free_sides_nothing_is_known():
     """Sides 3 and 2 meet at vertex 3, sides 0 and 1 at vertex 1: no g, so no gap."""
-    assert np.flatnonzero(ends(clamped=3).reach).tolist() == [0]
+    assert np.flatnonzero(ends(clamped=3).gap_length).tolist() == [0]
 
 
 def test_the_highest_g_on_an_edge_counts():
@@ -99,70 +100,71 @@ def test_the_highest_g_on_an_edge_counts():
 def test_the_doubt_on_an_edge_and_those_beside_it_lowers_v(edge):
     """v may be lower by the doubt at nodes, which belong to two edges. The least gap is that of edge 1 or 2.
 
-    By the `feasible` v is lowered by the doubt of one of the edges, and g is known up to its own: 2 at least.
+    By `shift_to_feasible` v is lowered by the remainder of one of the edges, and g is known up to its own: 2
+    at least.
     """
-    assert ADDED >= 2
+    assert LOWERING_PER_REMAINDER >= 2
     found = ends(clamped=3, doubts=[(edge, 0.01)])
-    assert found.gamma[0] == pytest.approx(2.0 - ADDED * 0.01)
+    assert found.gamma[0] == pytest.approx(2.0 - LOWERING_PER_REMAINDER * 0.01)
 
 
 def test_the_doubt_of_the_clamped_side_lowers_v_at_the_vertex():
     """u_D is known up to 0.4 on the last edge of side 3, so v may be lower by that at vertex 0, and not g."""
     found = ends(clamped=3, doubts=[(15, 0.4)])
     assert found.gamma[0] <= 2.5 - 0.4
-    assert found.gamma[0] == pytest.approx(2.5 - ADDED * 0.4)
-    assert not ends(clamped=3, doubts=[(15, 0.7)]).reach.any()
+    assert found.gamma[0] == pytest.approx(2.5 - LOWERING_PER_REMAINDER * 0.4)
+    assert not ends(clamped=3, doubts=[(15, 0.7)]).gap_length.any()
 
 
 @pytest.mark.parametrize(("pushed", "reach"), [(3, 0.1 + 0.2), (2, 0.1), (1, 0.0), (0, 0.0), (15, 0.0)])
 def test_next_to_contact_there_is_no_gap(pushed, reach):
     """v may be below u_h on an edge with lambda_H > 0, and so at its ends, which other edges share."""
-    assert ends(clamped=3, pushed=[pushed]).reach[0] == pytest.approx(reach)
+    assert ends(clamped=3, pushed=[pushed]).gap_length[0] == pytest.approx(reach)
 
 
 def clamps(reach, gamma, product=6.0, clamped=(3,), free=()):
     form = Form(c=0.0, clamped=clamped, friedrichs=2.0, free=free)
     known = ClampedEnds(np.array(reach, float), np.array(gamma, float), product)
-    return Clamps(form, np.zeros((2, 4)), known, 0.5)
+    return ReactionData(form, np.zeros((2, 4)), known, 0.5)
 
 
 def test_forces_lack_the_product_over_the_gap():
     """int lambda <= <lambda, v - g> / gamma where v - g >= gamma; the bound above of side 0 lacks it."""
     known = clamps([0.3, 0, 0, 0], [3, 1, 1, 1])
-    assert missing(BOUNDARY, np.array([0]), known) == (0.0, 2.0)
-    assert missing(BOUNDARY, np.array([3]), clamps([0.3, 0, 0, 0.4], [3, 1, 1, 12])) == (2.0, 0.0)
+    assert conflict_allowances(BOUNDARY, np.array([0]), known) == (0.0, 2.0)
+    assert conflict_allowances(BOUNDARY, np.array([3]), clamps([0.3, 0, 0, 0.4], [3, 1, 1, 12])) == (2.0, 0.0)
 
 
 @pytest.mark.parametrize(("reach", "amount"), [(0.1, 2.0), (0.09, math.inf)])
 def test_the_first_edge_has_to_lie_within_reach(reach, amount):
     """Else w has no node on which to pass from one side to the other; side 0 begins with an edge of 0.1."""
-    assert missing(BOUNDARY, np.array([0]), clamps([reach, 0, 0, 0], [3, 1, 1, 1]))[1] == amount
+    assert conflict_allowances(BOUNDARY, np.array([0]), clamps([reach, 0, 0, 0], [3, 1, 1, 1]))[1] == amount
 
 
 @pytest.mark.parametrize(("reach", "amount"), [(0.4, 2.0), (0.39, math.inf)])
 def test_before_a_clamped_side_it_is_the_last_edge(reach, amount):
     known = clamps([0, reach, 0, 0], [1, 3, 1, 1], clamped=(1,))
-    assert missing(BOUNDARY, np.array([0]), known)[1] == amount
+    assert conflict_allowances(BOUNDARY, np.array([0]), known)[1] == amount
 
 
 @pytest.mark.parametrize("gamma", [[3, 2, 1, 1], [2, 3, 1, 1]])
 def test_of_two_ends_the_worse_one_counts(gamma):
     """Side 0 between two clamped ones. lambda >= 0, so both pieces together have at most that."""
     known = clamps([0.1, 0.4, 0, 0], gamma, clamped=(1, 3))
-    assert missing(BOUNDARY, np.array([0]), known) == (0.0, 3.0)
+    assert conflict_allowances(BOUNDARY, np.array([0]), known) == (0.0, 3.0)
     known = clamps([0.1, 0.3, 0, 0], [3, 2, 1, 1], clamped=(1, 3))
-    assert missing(BOUNDARY, np.array([0]), known)[1] == math.inf
+    assert conflict_allowances(BOUNDARY, np.array([0]), known)[1] == math.inf
 
 
 @pytest.mark.parametrize(("reach", "nodes"), [(0.1, []), (0.31, [1]), (0.59, [1]), (0.61, [1, 2])])
 def test_w_is_lower_only_at_nodes_between_edges_within_reach(reach, nodes):
-    assert inside_reach(BOUNDARY, 0, clamps([reach, 0, 0, 0], [1, 1, 1, 1])).tolist() == nodes
+    assert gap_nodes(BOUNDARY, 0, clamps([reach, 0, 0, 0], [1, 1, 1, 1])).tolist() == nodes
 
 
 @pytest.mark.parametrize(("reach", "nodes"), [(0.41, []), (0.71, [3]), (0.91, [2, 3])])
 def test_before_a_clamped_side_nodes_are_counted_from_its_vertex(reach, nodes):
     known = clamps([0, reach, 0, 0], [1, 1, 1, 1], clamped=(1,))
-    assert sorted(inside_reach(BOUNDARY, 1, known).tolist()) == nodes
+    assert sorted(gap_nodes(BOUNDARY, 1, known).tolist()) == nodes
 
 
 def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
@@ -177,15 +179,15 @@ def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
         (1e-50, 1e50, 1e-50),
     ):
         assert known._replace(form=known.form._replace(k=k, c=c)).depth == pytest.approx(depth, rel=1e-14)
-    assert unclamped(4).depth == 1.0
-    assert not none(4).reach.any()
+    assert no_reactions(4).depth == 1.0
+    assert not no_clamped_ends(4).gap_length.any()
 
 
 def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
     """q.n = 1 - 2 t on the left side of the square, 0 elsewhere; flows are given towards the inside."""
-    mesh = structured(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 2)
     q = np.zeros((2, len(mesh.triangulation.ends)))
-    q[0, mesh.triangulation.boundary] = np.arange(8.0) * [1, 1, 1, 1, 1, 1, 1, -1]
+    q[0, mesh.triangulation.boundary_edges] = np.arange(8.0) * [1, 1, 1, 1, 1, 1, 1, -1]
     found = outflows(mesh, Form(c=0.0, clamped=(3,)), q)
     assert found.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
 
@@ -206,43 +208,43 @@ LARGE = 1e6
 
 def test_the_product_has_a_quarter_of_the_square_of_the_residual(arguments, monkeypatch):
     """The field q - k grad v is that large on one triangle; of u_h it is as before."""
-    own = local_bounds.move_parts
+    own = local_bounds.add_lift_to_residual
 
     def move_parts(parts, *others):
         own(parts, *others)
         parts.misfit[0] = LARGE
 
-    monkeypatch.setattr(local_bounds, "move_parts", move_parts)
+    monkeypatch.setattr(local_bounds, "add_lift_to_residual", move_parts)
     found = local_bounds.local_bound(*arguments)
-    assert LARGE**2 / 4 <= found.ends.product <= LARGE**2 / 4 * (1 + 1e-5)
+    assert LARGE**2 / 4 <= found.clamped_ends.gamma_force_bound <= LARGE**2 / 4 * (1 + 1e-5)
     assert found.u < LARGE
 
 
 def raised(monkeypatch, **parts):
-    """`Missing` has other numbers on the first boundary edge, which has no other part in the product."""
-    own = local_bounds.lifting
+    """`Shortfall` has other numbers on the first boundary edge, which has no other part in the product."""
+    own = local_bounds.build_lifting
 
     def lifting(*of):
         made = own(*of)
 
         class Lifted(type(made)):
-            def lifted(self, nodal, bubbles):
-                *values, short = made.lifted(nodal, bubbles)
+            def make_feasible(self, nodal, bubbles):
+                *values, short = made.make_feasible(nodal, bubbles)
                 first = np.arange(len(nodal)) == 0
                 return *values, short._replace(**{k: np.where(first, v, 0.0) for k, v in parts.items()})
 
         return Lifted(*made)
 
-    monkeypatch.setattr(local_bounds, "lifting", lifting)
+    monkeypatch.setattr(local_bounds, "build_lifting", lifting)
 
 
 def test_the_product_has_the_slack_once(arguments, monkeypatch):
-    raised(monkeypatch, slack=LARGE)
-    assert LARGE <= local_bounds.local_bound(*arguments).ends.product <= LARGE + 1
+    raised(monkeypatch, edge_complementarity=LARGE)
+    assert LARGE <= local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound <= LARGE + 1
 
 
 def test_the_product_has_a_quarter_of_the_square_of_the_extension(arguments, monkeypatch):
     """The energy norm of w is 1e6, of what is missing at the boundary."""
-    raised(monkeypatch, squares=LARGE**2)
-    found = local_bounds.local_bound(*arguments).ends.product
+    raised(monkeypatch, extension_squares=LARGE**2)
+    found = local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound
     assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)

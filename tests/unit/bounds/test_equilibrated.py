@@ -4,23 +4,25 @@ import numpy as np
 import pytest
 
 from unilateral.bounds import equilibrated_flux as module
-from unilateral.bounds.equilibrated_flux import equilibrated, flows
+from unilateral.bounds.equilibrated_flux import equilibrate_flux, triangle_inflows
 from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import gradients, load_vector, stiffness_and_mass
-from unilateral.fem.p2 import linear_squares
+from unilateral.fem.p2 import linear_square_norms
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import Polygon, named
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon
+from unilateral.geometry.structured import make_structured_mesh
 
 MESHES = {
-    "structured": lambda: structured(named("lshape"), 1 / 4),
-    "gmsh": lambda: meshes.unstructured(named("square"), 1 / 5),
-    "graded": lambda: meshes.with_boundary(
-        named("square"), np.append(np.geomspace(0.05, 1, 6) - 0.05, [1, 2, 3])
+    "structured": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 4),
+    "gmsh": lambda: meshes.make_unstructured_mesh(find_polygon("square"), 1 / 5),
+    "graded": lambda: meshes.triangulate_from_boundary(
+        find_polygon("square"), np.append(np.geomspace(0.05, 1, 6) - 0.05, [1, 2, 3])
     ),
-    "refined": lambda: meshes.refine(meshes.unstructured(named("lshape"), 1 / 2), 2),
+    "refined": lambda: meshes.refine_uniformly(
+        meshes.make_unstructured_mesh(find_polygon("lshape"), 1 / 2), 2
+    ),
     "two triangles": lambda: meshes.from_arrays(
-        named("square"), [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+        find_polygon("square"), [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
     ),
 }
 
@@ -31,19 +33,22 @@ def turned(v):
 
 def told(mesh, q):
     """(2, 3, m) what flows in through the edge from node i to the next, at these nodes."""
-    return np.array(flows(mesh, q, slice(None)))[:, [2, 0, 1]]
+    return np.array(triangle_inflows(mesh, q, slice(None)))[:, [2, 0, 1]]
 
 
 def at_nodes(mesh, flux):
     """(m, 3, 2) q at the triangles' nodes, from its fluxes (2, 3, m) by the two edges at each."""
-    slopes, (first, second) = gradients(mesh), flux.transpose(0, 2, 1)
-    through_next, through_before = (turned(np.roll(slopes, -k, axis=1)) for k in (1, 2))
+    slopes = gradients(mesh)
+    (first, second) = flux.transpose(0, 2, 1)
+    through_next = turned(np.roll(slopes, -1, axis=1))
+    through_before = turned(np.roll(slopes, -2, axis=1))
     return through_next * first[..., None] - through_before * np.roll(second, 1, axis=1)[..., None]
 
 
 def balanced(mesh, rng, form=H1):
     """Random u_h, moments of f and sigma, with (u_h, psi) = (f, psi)_0 + <sigma, psi> for all hats psi."""
-    u_h, sigma = rng.standard_normal(mesh.n_nodes), rng.uniform(size=(len(mesh.boundary), 2))
+    u_h = rng.standard_normal(mesh.n_nodes)
+    sigma = rng.uniform(size=(len(mesh.boundary), 2))
     moments = rng.standard_normal((len(mesh.triangles), 3)) * mesh.areas[:, None]
     stiffness, mass = stiffness_and_mass(mesh)
     missing = (form.k * stiffness + form.c * mass) @ u_h - load_vector(mesh, moments)
@@ -60,7 +65,7 @@ FORMS = [Form(1.0, 0.0), Form(3.0, 1e-12), Form(0.2, 5.0)]
 @pytest.fixture
 def only_equilibrated(monkeypatch):
     """w = 1, whatever c."""
-    monkeypatch.setattr(module, "BALANCE", 1e150)
+    monkeypatch.setattr(module, "PATCH_REACTION_RATIO", 1e150)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -70,7 +75,7 @@ def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(nam
     """Up to rounding; and q is in H(div), for what leaves a triangle enters the next."""
     mesh = MESHES[name]()
     u_h, moments, sigma = balanced(mesh, np.random.default_rng(0), form)
-    flux = told(mesh, equilibrated(mesh, u_h, moments.__getitem__, sigma, form))
+    flux = told(mesh, equilibrate_flux(mesh, u_h, moments.__getitem__, sigma, form))
     wanted = form.c * mesh.areas * u_h[mesh.triangles].mean(axis=1) - moments.sum(axis=1)
     assert -0.5 * flux.sum(axis=(0, 1)) == pytest.approx(wanted, abs=1e-13 * np.abs(flux).max())
     of_edges = mesh.opposite_edges[:, [2, 0, 1]]
@@ -79,7 +84,7 @@ def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(nam
         first = mesh.triangulation.ends[of_edges[:, i], 0] == mesh.triangles[:, i]
         for k in range(2):
             np.add.at(through, (np.where(first, k, 1 - k), of_edges[:, i]), flux[k, i])
-    boundary = mesh.triangulation.boundary
+    boundary = mesh.triangulation.boundary_edges
     assert np.all(np.delete(through, boundary, axis=1) == 0)
     rounding = 2 * np.finfo(float).eps * np.diff(mesh.s) * sigma.max(axis=1)
     assert np.all(np.abs(through[:, boundary] + np.diff(mesh.s) * sigma.T) <= rounding)
@@ -89,12 +94,13 @@ def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(nam
 @pytest.mark.parametrize("name", MESHES)
 def test_the_gradient_of_a_linear_function_is_its_own_flux(name, form):
     """Of q_1 and of q_0 alike, so for all weights."""
-    mesh, slope = MESHES[name](), np.array([0.3, -1.1])
+    mesh = MESHES[name]()
+    slope = np.array([0.3, -1.1])
     u = 0.7 + mesh.points @ slope
     nodal = u[mesh.triangles]
     moments = form.c * mesh.areas[:, None] / 12 * (nodal + nodal.sum(axis=1, keepdims=True))
     sigma = form.k * np.repeat(mesh.polygon.normals[mesh.side] @ slope, 2).reshape(-1, 2)
-    q = at_nodes(mesh, told(mesh, equilibrated(mesh, u, moments.__getitem__, sigma, form)))
+    q = at_nodes(mesh, told(mesh, equilibrate_flux(mesh, u, moments.__getitem__, sigma, form)))
     assert q == pytest.approx(np.broadcast_to(form.k * slope, q.shape), abs=1e-15 * max(form[:2]) + 1e-11)
 
 
@@ -102,17 +108,18 @@ def test_the_gradient_of_a_linear_function_is_its_own_flux(name, form):
 @pytest.mark.parametrize("name", MESHES)
 def test_where_c_is_large_the_flux_is_the_mean_of_both_sides(name, clamped):
     """q_0.n is the mean of k grad u_h.n, constant on each edge. On clamped ones there is one side."""
-    mesh, form = MESHES[name](), Form(2.0, 1e30)
+    mesh = MESHES[name]()
+    form = Form(2.0, 1e30)
     u_h, moments, sigma = balanced(mesh, np.random.default_rng(3), form)
     sigma = np.full_like(sigma, np.nan) if clamped else sigma
     slopes = form.k * np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
     edges = mesh.triangulation.ends
     along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
-    sides = mesh.triangulation.sides
+    sides = mesh.triangulation.edge_triangles
     through = [np.sum(turned(along) * slopes[sides[:, i]], axis=1) for i in (0, 1)]
     expected = np.where(sides[:, 1] < 0, through[0], 0.5 * (through[0] + through[1]))
-    flow, tilt = equilibrated(mesh, u_h, moments.__getitem__, sigma, form)
-    on_sides = mesh.triangulation.boundary
+    flow, tilt = equilibrate_flux(mesh, u_h, moments.__getitem__, sigma, form)
+    on_sides = mesh.triangulation.boundary_edges
     free = np.ones(len(edges), dtype=bool)
     free[on_sides] = clamped
     size = np.abs(expected).max()
@@ -133,29 +140,30 @@ def wheel():
 def numbers_of_the_hub(mesh, u_h, moments, form):
     """The numbers of the patch of the wheel's inner node, and its triangles."""
     corners = np.arange(3 * len(mesh.triangles)).reshape(-1, 3)
-    (after, corner), (_, f) = (module.around(mesh, of.__getitem__) for of in (corners, moments))
-    spokes, ends = (
-        next(fan for edge, fan in module.fans(mesh, after) if not edge.size),
-        mesh.triangulation.ends,
-    )
+    (after, corner) = module.order_spokes(mesh, corners.__getitem__)
+    (_, f) = module.order_spokes(mesh, moments.__getitem__)
+    spokes = next(fan for edge, fan in module.gather_patches(mesh, after) if not edge.size)
+    ends = mesh.triangulation.ends
     triangle = corner[spokes[:-1, 0]].astype(int) // 3
     assert np.array_equal(triangle, (triangle[0] + np.arange(5)) % 5)
     assert np.array_equal(ends.ravel()[spokes ^ 1][:-1, 0], triangle)
-    hub, rim = np.array([5]), ends.ravel()[spokes ^ 1]
-    return module._numbers(mesh, u_h, hub, rim, f[spokes[:-1]], form), triangle
+    hub = np.array([5])
+    rim = ends.ravel()[spokes ^ 1]
+    return module._assemble_patches(mesh, u_h, hub, rim, f[spokes[:-1]], form), triangle
 
 
 @pytest.mark.parametrize("ratio", [1e-3, 2.0, 1e3])
 def test_on_a_patch_the_flux_is_a_mean_with_the_weight_of_its_area(ratio):
     """w = 1/4 where c |a| = 2 BALANCE k, for the patch of a node inside, which is the whole mesh."""
     mesh = wheel()
-    form = Form(3.0, ratio * module.BALANCE * 3.0 / mesh.areas.sum())
+    form = Form(3.0, ratio * module.PATCH_REACTION_RATIO * 3.0 / mesh.areas.sum())
     u_h, moments, _ = balanced(mesh, np.random.default_rng(0), form)
     numbers, _ = numbers_of_the_hub(mesh, u_h, moments, form)
     w = min(1.0, 1 / ratio) ** 2
     assert numbers.weight == pytest.approx(w)
-    first, last = (module._inside(numbers._replace(weight=np.array([each]))) for each in (1.0, 0.0))
-    assert module._inside(numbers) == pytest.approx(w * first + (1 - w) * last)
+    first = module._solve_inner_patches(numbers._replace(weight=np.array([1.0])))
+    last = module._solve_inner_patches(numbers._replace(weight=np.array([0.0])))
+    assert module._solve_inner_patches(numbers) == pytest.approx(w * first + (1 - w) * last)
     assert not np.allclose(first, last)
 
 
@@ -165,19 +173,22 @@ def test_no_other_flux_of_a_patch_is_nearer():
 
     It is integrated from q_a at the nodes. Control: so it is not when one z_j is moved.
     """
-    mesh, rng = wheel(), np.random.default_rng(1)
+    mesh = wheel()
+    rng = np.random.default_rng(1)
     u_h, moments, _ = balanced(mesh, rng)
     numbers, triangle = numbers_of_the_hub(mesh, u_h, moments, H1)
     slope = np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
 
     def squared_distance(spokes):
-        flux, after = np.zeros((2, 3, 5)), np.roll(spokes, -1, axis=1)
-        flux[:, 0, triangle], flux[:, 2, triangle] = spokes[..., 0], -after[::-1, :, 0]
+        flux = np.zeros((2, 3, 5))
+        after = np.roll(spokes, -1, axis=1)
+        flux[:, 0, triangle] = spokes[..., 0]
+        flux[:, 2, triangle] = -after[::-1, :, 0]
         away = at_nodes(mesh, flux)
         away[:, 0] -= slope
-        return linear_squares(mesh.areas, away).sum()
+        return linear_square_norms(mesh.areas, away).sum()
 
-    F, z = module._inside(numbers)
+    F, z = module._solve_inner_patches(numbers)
     best = np.stack([F + z, F - z])
     moves = [np.ones((2, 5, 1))]
     for j in range(5):
@@ -185,10 +196,13 @@ def test_no_other_flux_of_a_patch_is_nearer():
         move[:, j] = [[1], [-1]]
         moves.append(move)
     for move in moves:
-        more, less, least = (squared_distance(best + k * move) for k in (1, -1, 0))
+        more = squared_distance(best + 1 * move)
+        less = squared_distance(best + (-1) * move)
+        least = squared_distance(best + 0 * move)
         assert more == pytest.approx(less, rel=1e-12)
         assert more > least
-    more, less = (squared_distance(best + 0.01 * moves[1] + k * moves[1]) for k in (1, -1))
+    more = squared_distance(best + 0.01 * moves[1] + 1 * moves[1])
+    less = squared_distance(best + 0.01 * moves[1] + (-1) * moves[1])
     assert more != pytest.approx(less, rel=1e-4)
 
 
@@ -196,11 +210,14 @@ def test_patches_are_taken_together(monkeypatch):
     """As many eliminations as there are numbers of triangles around a node, however many nodes."""
     counts = []
     for n in (8, 32):
-        calls, mesh = [], structured(named("square"), 1 / n)
-        own = module._inside
+        calls = []
+        mesh = make_structured_mesh(find_polygon("square"), 1 / n)
+        own = module._solve_inner_patches
         with monkeypatch.context() as patch:
-            patch.setattr(module, "_inside", lambda of, own=own, calls=calls: calls.append(1) or own(of))
+            patch.setattr(
+                module, "_solve_inner_patches", lambda of, own=own, calls=calls: calls.append(1) or own(of)
+            )
             u_h, moments, sigma = balanced(mesh, np.random.default_rng(2))
-            equilibrated(mesh, u_h, moments.__getitem__, sigma)
+            equilibrate_flux(mesh, u_h, moments.__getitem__, sigma)
         counts.append(len(calls))
     assert counts[0] == counts[1] <= 3

@@ -13,13 +13,13 @@ from skfem.helpers import dot, grad
 import unilateral as ul
 from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible
-from unilateral.bounds.constraint import Constraint, constraint
+from unilateral.bounds.constraint import Constraint, build_constraint
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p2 import layer
+from unilateral.fem.p2 import boundary_layer
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import piecewise
 
 WAVES = {
@@ -30,48 +30,52 @@ WAVES = {
 
 def on_edges(text, n=4):
     """The constraint on all edges of a mesh of the unit square."""
-    problem, mesh = ul.Problem(square(), f=0, g=text), structured(square(), 1 / n)
-    return constraint(problem.enclosed_obstacle, mesh, H1)
+    problem = ul.Problem(square(), f=0, g=text)
+    mesh = make_structured_mesh(square(), 1 / n)
+    return build_constraint(problem.enclosed_obstacle, mesh, H1)
 
 
 @pytest.mark.parametrize("text", WAVES)
 @pytest.mark.parametrize("most", [8, 60_000])
 def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
     """In the points of the rule, against numpy. With 8 pieces the doubt is of the size of what p misses."""
-    monkeypatch.setattr(piecewise, "MOST_PIECES", most)
+    monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", most)
     found = on_edges(text)
     s = found.mesh.s[found.edge][:, None] + found.x * np.diff(found.mesh.s)[found.edge][:, None]
     side = np.broadcast_to(found.mesh.side[found.edge][:, None], s.shape).ravel()
     points = found.mesh.polygon.at(side, s.ravel() - found.mesh.polygon.starts[side])
     g = WAVES[text](*points.T).reshape(s.shape)
     away = np.abs(g - found.p).max(axis=1)
-    assert np.all(away <= found.doubt + 1e-15 * np.abs(g).max())
-    assert np.all(g.max(axis=1) <= found.upper + 1e-15 * np.abs(g).max())
+    assert np.all(away <= found.remainder + 1e-15 * np.abs(g).max())
+    assert np.all(g.max(axis=1) <= found.g_upper + 1e-15 * np.abs(g).max())
     if most == 8 and "40" in text:
         assert np.any(away > 0.5)
     if most > 8:
-        assert found.doubt.max() <= 1e-9 * np.abs(g).max()
+        assert found.remainder.max() <= 1e-9 * np.abs(g).max()
 
 
 def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
     found = on_edges("0")
-    g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
+    g = replace(found, remainder=np.full_like(found.remainder, 1e-3))
     nb = len(g.mesh.boundary)
-    every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
-    missing = feasible.missing(g, H1, v, every, np.ones((nb, 2)))
-    assert missing.added == pytest.approx(1e-3)
-    assert missing.product == pytest.approx(8e-3)
+    every = np.ones(nb, dtype=bool)
+    v = np.zeros(2 * nb)
+    missing = feasible.bound_shortfall(g, H1, v, every, np.ones((nb, 2)))
+    assert missing.nodal_raise == pytest.approx(1e-3)
+    assert missing.complementarity == pytest.approx(8e-3)
 
 
 def short_of(g, rng):
     """Of v from just below g to far above, at midpoints, too, and sigma > 0 on every third edge."""
     nb = len(g.unknowns)
-    v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
-    contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
-    v, touching = feasible.raised(g, H1, v, contact, flux, rng.random(nb))
+    v = np.where(rng.random(2 * nb) < 0.2, g.p_at_unknowns, g.p_at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
+    contact = v == g.p_at_unknowns
+    flux = np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
+    v, touching = feasible.raise_to_obstacle(g, H1, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible.missing(g, H1, v, touching, flux), g.near(v, touching)]
+    shortfall = feasible.bound_shortfall(g, H1, v, touching, flux)
+    return [v, touching, *shortfall, g.select_near_edges(v, touching)]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -79,8 +83,8 @@ def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
     """Against all of them; some are left out. Control: so they do where v is told by its ends only."""
     g = on_edges("sin(9*pi*x) + y", 16)
     *found, near = short_of(g, np.random.default_rng(seed))
-    kept = Constraint.near
-    monkeypatch.setattr(Constraint, "near", lambda self, v, also: self)
+    kept = Constraint.select_near_edges
+    monkeypatch.setattr(Constraint, "select_near_edges", lambda self, v, also: self)
     *wanted, every = short_of(g, np.random.default_rng(seed))
     assert 0 < len(near.edge) < len(every.edge)
     for one, other in zip(found, wanted, strict=True):
@@ -91,7 +95,7 @@ def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
         level[self.unknowns[:, 2]] = 0.5 * v[self.unknowns[:, :2]].sum(axis=1)
         return kept(self, level, also)
 
-    monkeypatch.setattr(Constraint, "near", by_ends)
+    monkeypatch.setattr(Constraint, "select_near_edges", by_ends)
     *wrong, _ = short_of(g, np.random.default_rng(seed))
     assert wrong[2].sum() < 0.99 * wanted[2].sum()
 
@@ -100,13 +104,16 @@ def extension_norm(triangle, r, form=H1):
     """||w|| of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
     (a, b, c), s, x, y = triangle, sympy.Symbol("s"), *sympy.symbols("x y")
     length = float(np.hypot(*(b - a)))
-    e, n = (b - a) / length, np.array([a[1] - b[1], b[0] - a[0]]) / length
-    p, k = float((c - a) @ e), float((c - a) @ n)
+    e = (b - a) / length
+    n = np.array([a[1] - b[1], b[0] - a[0]]) / length
+    p = float((c - a) @ e)
+    k = float((c - a) @ n)
     t = 1 - y / k
     w = t * r.subs(s, p + (x - p) / t)
     parts = sympy.lambdify((x, y), [w, sympy.diff(w, x), sympy.diff(w, y)])
     nodes, weights = np.polynomial.legendre.leggauss(12)
-    nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
+    nodes = 0.5 * (nodes + 1)
+    weights = 0.5 * weights
     along, down = np.meshgrid(length * nodes, nodes)
     values = parts(p + down * (along - p), k * (1 - down))
     weighted = zip((form.c, form.k, form.k), values, strict=True)
@@ -121,32 +128,38 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, H1)
-    missing = feasible.missing(g, H1, g.at_unknowns, every, np.ones((3, 2)))
-    s, squares = sympy.Symbol("s"), 0.0
+    g = build_constraint(problem.enclosed(), mesh, H1)
+    missing = feasible.bound_shortfall(g, H1, g.p_at_unknowns, every, np.ones((3, 2)))
+    s = sympy.Symbol("s")
+    squares = 0.0
     for i in range(3):
         a, b, c = np.roll(points, -i, axis=0)
         on_edge = a + (b - a) * np.array([0.0, 0.5, 1.0])[:, None]
         length = float(np.hypot(*(b - a)))
         along = sympy.interpolate(list(zip([0, length / 2, length], problem.u(*on_edge.T), strict=True)), s)
-        x, y = (float(a[j]) + s * float((b - a)[j]) / length for j in range(2))
+        x = float(a[0]) + s * float((b - a)[0]) / length
+        y = float(a[1]) + s * float((b - a)[1]) / length
         squares += extension_norm((a, b, c), sympy.expand(x**3 - 2 * x * y**2 - along)) ** 2
-    assert missing.norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
-    assert 0 <= missing.product <= 1e-8
-    assert np.max(missing.added) <= 1e-8
+    assert missing.extension_norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
+    assert 0 <= missing.complementarity <= 1e-8
+    assert np.max(missing.nodal_raise) <= 1e-8
 
 
 def shortfall(case, g, v, flux):
     """||w||_1 and <q.n, v + w - g> for w from r = (g - v)_+, by sums over 20000 points of every edge."""
-    mesh, x, squares, slack = g.mesh, (np.arange(20_000) + 0.5) / 20_000, 0.0, 0.0
-    foot, height = feasible._apex(mesh, Form(c=0.0))
+    mesh = g.mesh
+    x = (np.arange(20_000) + 0.5) / 20_000
+    squares = 0.0
+    slack = 0.0
+    foot, height = feasible._extension_apexes(mesh, Form(c=0.0))
     shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
     for e, length in enumerate(np.diff(mesh.s)):
         start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
-        u, _, gap = case.boundary(np.full(len(x), mesh.side[e]), start + length * x)
+        u, _, gap = case.trace_flux_and_gap(np.full(len(x), mesh.side[e]), start + length * x)
         a, b, c = v[g.unknowns[e]]
         below = u - gap - (a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x))
-        r, slope = np.maximum(below, 0), np.gradient(np.maximum(below, 0), length * x)
+        r = np.maximum(below, 0)
+        slope = np.gradient(np.maximum(below, 0), length * x)
         parts = [length * np.mean(y**2) for y in (r, slope, (length * x - foot[e]) * slope)]
         of_slope = 0.5 * (height[e] * parts[1] + (parts[2] + 2 * parts[0]) / height[e])
         squares += shared[e] * (of_slope + 0.25 * height[e] * parts[0])
@@ -161,63 +174,74 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     Against sums; they miss r' near kinks by less than 1e-3. Control: they are not much less either.
     """
     d = discrete(name, 8, 4)
-    mesh, case = d.mesh, d.exact.ritz.case
+    mesh = d.mesh
+    case = d.exact.ritz.case
     on = np.ones(len(mesh.boundary), dtype=bool)
-    g = constraint(case.problem.enclosed_obstacle, mesh, H1)
-    v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
+    g = build_constraint(case.problem.enclosed_obstacle, mesh, H1)
+    v = np.where(np.isfinite(g.p_at_unknowns), g.p_at_unknowns, 0.0)
+    rng = np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
-    found = feasible.missing(g, H1, v, ~on, flux)
+    found = feasible.bound_shortfall(g, H1, v, ~on, flux)
     norm, slack = shortfall(case, g, v, flux)
-    assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
-    assert (1 - 1e-3) * slack <= found.product <= 1.3 * slack
-    assert np.all(found.added <= 1e-6)
+    assert (1 - 1e-3) * norm <= found.extension_norm <= 1.15 * norm
+    assert (1 - 1e-3) * slack <= found.complementarity <= 1.3 * slack
+    assert np.all(found.nodal_raise <= 1e-6)
 
 
 def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
     on = np.array([True, True])
-    unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
-    at, rise, jumps = constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))
+    unknowns = np.array([[0, 1, 3], [1, 2, 4]])
+    on_edges = np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
+    at, rise, jumps = constraints._join_at_vertices(on_edges, unknowns, on, np.full((2, 2), 1e-12))
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
     np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
     on_edges[1, 0] += 1e-11
-    assert constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))[2].tolist() == [True, False]
+    assert constraints._join_at_vertices(on_edges, unknowns, on, np.full((2, 2), 1e-12))[2].tolist() == [
+        True,
+        False,
+    ]
 
 
 def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
-    mesh = structured(square(), 1 / 2)
-    problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, H1)
+    mesh = make_structured_mesh(square(), 1 / 2)
+    problem = Manufactured(square(), "1", gap="1 + x")
+    every = np.ones(8, dtype=bool)
+    g = build_constraint(problem.enclosed(), mesh, H1)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
-    v = np.maximum(steep, g.at_unknowns)
+    v = np.maximum(steep, g.p_at_unknowns)
     flux = np.ones((8, 2))
-    both = v, np.maximum(0, g.at_unknowns)
-    doubt = [feasible.missing(g, H1, each, every, flux).added.max() for each in both]
+    both = v, np.maximum(0, g.p_at_unknowns)
+    doubt = [feasible.bound_shortfall(g, H1, each, every, flux).nodal_raise.max() for each in both]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]
 
 
 def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
-    of, own, seen = pair("natural", 16), feasible.missing, []
-    monkeypatch.setattr(feasible, "missing", lambda *given: seen.append(given[:4]) or own(*given))
+    of = pair("natural", 16)
+    own = feasible.bound_shortfall
+    seen = []
+    monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: seen.append(given[:4]) or own(*given))
     local_bound(*of.given)
     g, _, v, touching = seen[0]
     unknowns = np.unique(g.unknowns[touching])
-    assert np.all(v[unknowns] == g.at_unknowns[unknowns])
+    assert np.all(v[unknowns] == g.p_at_unknowns[unknowns])
     nodes = unknowns[unknowns < len(touching)]
-    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.at_unknowns[nodes]) > 1e-4
+    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.p_at_unknowns[nodes]) > 1e-4
 
 
 @pytest.mark.parametrize("form", [H1, Form(3.0, 0.0), Form(0.5, 1e3)])
 @pytest.mark.parametrize("name", ["square", "lshape"])
 def test_functions_of_the_layer_are_those_of_P2(name, form):
     """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
-    mesh, rng = meshes.unstructured(named(name), 0.3), np.random.default_rng(0)
-    of, nb = layer(mesh), len(mesh.boundary)
+    mesh = meshes.make_unstructured_mesh(find_polygon(name), 0.3)
+    rng = np.random.default_rng(0)
+    of = boundary_layer(mesh)
+    nb = len(mesh.boundary)
     nodal, bubble = rng.standard_normal((2, nb))
     p2 = skfem.Basis(
         skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=4
@@ -233,10 +257,10 @@ def test_functions_of_the_layer_are_those_of_P2(name, form):
     def square(w):
         return form.k * dot(grad(w.of), grad(w.of)) + form.c * w.of**2
 
-    found = of.squares(form, *of.function(nodal, bubble)).sum()
+    found = of.square_norms(form, *of.function(nodal, bubble)).sum()
     assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
-    norms = [of.squares(form, *of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
-    assert of.bubble_squares(form)[:3] == pytest.approx(norms, rel=1e-12)
+    norms = [of.square_norms(form, *of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
+    assert of.bubble_square_norms(form)[:3] == pytest.approx(norms, rel=1e-12)
 
 
 @pytest.mark.parametrize("apex", [(0.25, 0.7), (1.4, 0.2), (-0.3, 0.4)])
@@ -249,8 +273,8 @@ def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length, f
     """
     points = length * np.array([[0.0, 0.0], [1.0, 0.0], apex])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
-    foot, height = feasible._apex(mesh, form)
-    allowed = feasible._per_slope(mesh, form, foot, height)[0]
+    foot, height = feasible._extension_apexes(mesh, form)
+    allowed = feasible._extension_constants(mesh, form, foot, height)[0]
     triangle = points[0], points[1], np.array([foot[0], height[0]])
     s, nodes, weights = sympy.Symbol("s"), *np.polynomial.legendre.leggauss(12)
     ratios = []
@@ -270,11 +294,11 @@ def test_extensions_are_not_deeper_than_two_layers(form):
     """Their triangles lie in those of the mesh, for the apex is between the edge's midpoint and a vertex."""
     points = np.array([[0.0, 0.0], [1.0, 0.0], [1.4, 3.0]])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
-    foot, height = feasible._apex(mesh, form)
+    foot, height = feasible._extension_apexes(mesh, form)
     depth = 2 * np.sqrt(form.k / form.c)
     assert height[0] == pytest.approx(depth)
     assert foot[0] == pytest.approx(0.5 + (1.4 - 0.5) * depth / 3.0)
-    assert feasible._apex(mesh, FLAT)[0][0] == pytest.approx(1.4)
+    assert feasible._extension_apexes(mesh, FLAT)[0][0] == pytest.approx(1.4)
     # the norm of a shallow extension is about (c k)^(1/4); without that depth it would be c^(1/2)
     r = sympy.Symbol("s") * (1 - sympy.Symbol("s"))
     shallow = extension_norm((points[0], points[1], np.array([foot[0], depth])), r, form)
@@ -287,10 +311,19 @@ def test_no_extension_exceeds_what_its_slope_allows(apex):
     points = np.array([[0.0, 0.0], [1.0, 0.0], apex])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
     nodes, weights = np.polynomial.legendre.leggauss(200)
-    s, weight, k = 0.5 * (1 + nodes), 0.5 * weights, np.pi * np.arange(1, 61)[:, None]
-    slopes, values = np.sqrt(2) * np.cos(k * s), np.sqrt(2) * np.sin(k * s) / k
+    s = 0.5 * (1 + nodes)
+    weight = 0.5 * weights
+    k = np.pi * np.arange(1, 61)[:, None]
+    slopes = np.sqrt(2) * np.cos(k * s)
+    values = np.sqrt(2) * np.sin(k * s) / k
     foot, height = apex
-    of_slopes, of_arms, of_values = (each * weight @ each.T for each in (slopes, (s - foot) * slopes, values))
+    of_slopes = slopes * weight @ slopes.T
+    of_arms = ((s - foot) * slopes) * weight @ ((s - foot) * slopes).T
+    of_values = values * weight @ values.T
     form = 0.5 * (height * of_slopes + (of_arms + 2 * of_values) / height) + 0.25 * height * of_values
     largest = np.linalg.eigvalsh(form)[-1]
-    assert largest <= feasible._per_slope(mesh, H1, *feasible._apex(mesh, FLAT))[0] <= 1.5 * largest
+    assert (
+        largest
+        <= feasible._extension_constants(mesh, H1, *feasible._extension_apexes(mesh, FLAT))[0]
+        <= 1.5 * largest
+    )

@@ -20,13 +20,13 @@ from random_problems import known
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.bounds import source
-from unilateral.bounds.clamped_ends import unclamped
-from unilateral.bounds.forces import forces
+from unilateral.bounds.clamped_ends import no_reactions
+from unilateral.bounds.forces import bound_forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.discrete import solution
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import layer
+from unilateral.fem.p2 import boundary_layer
 
 FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
 """`make fuzz` sets how many times the problems are tried; those made to fool go on where the suite ends."""
@@ -59,7 +59,7 @@ PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_
 @contextmanager
 def few_pieces(kind):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(source, "MOST_PIECES", PIECES.get(kind, source.MOST_PIECES))
+        patch.setattr(source, "MAX_SOURCE_PIECES", PIECES.get(kind, source.MAX_SOURCE_PIECES))
         yield
 
 
@@ -130,8 +130,8 @@ def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound):
     """Control: where peaks are not seen it is below errors."""
 
     def without(data):
-        zero = np.zeros_like(data.source.rest)
-        return replace(data, source=replace(data.source, oscillation=zero, jumps=zero, rest=zero))
+        zero = np.zeros_like(data.source.remainder)
+        return replace(data, source=replace(data.source, oscillation=zero, jumps=zero, remainder=zero))
 
     found = [bound(without(trial.given[0]), *trial.given[1:]) for trial in one.trials]
     assert violations(one, found)
@@ -147,18 +147,18 @@ def test_the_triangles_shares_add_up_to_the_squared_bound(one):
         mesh = trial.given[0].mesh
         assert np.all(bound.shares >= 0)
         # X^2 <= S^2 + 2 B + D^2 - max(D - eta, 0)^2
-        most = bound.u**2 + max(mesh.growth * bound.lifting - bound.eta, 0.0) ** 2
+        most = bound.u**2 + max(mesh.exact_mesh_factor * bound.lift_norm - bound.eta, 0.0) ** 2
         assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= most * (1 + 2e-6)
-        inside = np.delete(bound.shares, layer(mesh).triangles)
-        assert inside.sum() <= most * (1 + 1e-6) - bound.lifting**2
+        inside = np.delete(bound.shares, boundary_layer(mesh).triangles)
+        assert inside.sum() <= most * (1 + 1e-6) - bound.lift_norm**2
 
 
 def forces_outside(one, share=1.0):
     """Exact forces that do not lie between the numbers that are guaranteed; the `share` is of the bound."""
     wrong = []
     for of in one.pressed:
-        sides = unclamped(of.mesh.polygon.n_sides)._replace(form=Form(free=tuple(of.free)))
-        found = forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, sides)
+        sides = no_reactions(of.mesh.polygon.n_sides)._replace(form=Form(free=tuple(of.free)))
+        found = bound_forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, sides)
         for part, force, (least, most) in zip(of.parts, found, of.exact, strict=True):
             if force.upper < least or force.lower > most or not force.lower <= force.value <= force.upper:
                 wrong.append((part, force, least, most))
@@ -218,9 +218,12 @@ def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
 @of_each(OF_FORMULAS)
 def test_the_quadrature_of_the_true_error(one):
     """Pieces of half the size, which have a quarter of its error at most, change it by less."""
-    of, (solved, _) = one.of, one.solutions[0]
-    mesh, functions = solved.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
-    (coarse, norm), (fine, _) = (of.errors(mesh, functions, size) for size in (SIZE, SIZE / 2))
+    of = one.of
+    (solved, _) = one.solutions[0]
+    mesh = solved.mesh
+    functions = [solved.u_h, np.zeros_like(solved.u_h)]
+    (coarse, norm) = of.errors(mesh, functions, SIZE)
+    (fine, _) = of.errors(mesh, functions, SIZE / 2)
     assert coarse == pytest.approx(fine, rel=0.75 * QUADRATURE, abs=1e-12 * norm)
 
 
@@ -228,12 +231,14 @@ def test_the_quadrature_of_the_true_error(one):
 def test_the_random_solutions_solve_their_problems(one):
     """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""
     of = one.of
-    lengths, per_side = of.problem.polygon.lengths, 200
+    lengths = of.problem.polygon.lengths
+    per_side = 200
     side = np.repeat(np.arange(len(lengths)), per_side)
     s = lengths[side] * np.tile((np.arange(per_side) + 0.5) / per_side, len(lengths))
     u, flux, gap = of.boundary(side, s)
     size = np.abs(u).max()
-    of_u, of_flux = 1e-12 * size, 1e-9 * max(size / lengths.min(), np.abs(flux).max())
+    of_u = 1e-12 * size
+    of_flux = 1e-9 * max(size / lengths.min(), np.abs(flux).max())
     assert gap.min() >= -of_u
     assert flux.min() >= -of_flux
     assert not np.any((gap > of_u) & (flux > of_flux))

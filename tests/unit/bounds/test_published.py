@@ -17,11 +17,11 @@ from skfem.helpers import dot, grad
 from symbolic import X, Y, plain
 
 from unilateral.discrete.condensed import discretise
-from unilateral.formulas.expression import number
+from unilateral.formulas.expression import rational_expression
 from unilateral.geometry.mesh import from_arrays
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
@@ -37,7 +37,8 @@ def sine(x, y):
 
 
 def slope_of_sine(x, y):
-    a, b = 2 * np.pi * x, 2 * np.pi * y
+    a = 2 * np.pi * x
+    b = 2 * np.pi * y
     return 2 * np.pi * np.stack([np.cos(a) * np.sin(b), np.sin(a) * np.cos(b)])
 
 
@@ -67,11 +68,13 @@ def estimate(points, triangles, u, slope, order):
     rhs = f if order else np.broadcast_to(means[:, None], f.shape)
     stiffness = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w))).assemble(nodal)
     load = skfem.LinearForm(lambda v, w: w["f"] * v).assemble(nodal, f=rhs)
-    held, u_h = nodal.get_dofs().all(), np.zeros(nodal.N)
+    held = nodal.get_dofs().all()
+    u_h = np.zeros(nodal.N)
     u_h[held] = u(*mesh.p[:, held])
     gradient = nodal.interpolate(skfem.solve(*skfem.condense(stiffness, load, x=u_h, D=held))).grad
     q = patch_flux(mesh, nodal, gradient, rhs, order)
-    of_flux, rest = (((np.asarray(q) + gradient) ** 2).sum(axis=0) * nodal.dx).sum(axis=1), f - q.div
+    of_flux = (((np.asarray(q) + gradient) ** 2).sum(axis=0) * nodal.dx).sum(axis=1)
+    rest = f - q.div
     oscillation = ((diameters(mesh)[:, None] / np.pi * rest) ** 2 * nodal.dx).sum(axis=1)
     error = ((gradient - slope(x, y)) ** 2).sum(axis=0) * nodal.dx
     total = (np.sqrt(of_flux) + np.sqrt(oscillation)) ** 2
@@ -86,24 +89,31 @@ def diameters(mesh):
 def patch_flux(mesh, nodal, gradient, f, order):
     """q with div q = f, nearest to -psi_a grad u_h on the patch of every node a, by dense systems."""
     fluxes, divergences = (skfem.Basis(mesh, element, intorder=8) for element in ORDERS[order])
-    phi, w, hat = (np.array([b[0] + 0 * f for b in of.basis]) for of in (fluxes, divergences, nodal))
+    phi = np.array([b[0] + 0 * f for b in fluxes.basis])
+    w = np.array([b[0] + 0 * f for b in divergences.basis])
+    hat = np.array([b[0] + 0 * f for b in nodal.basis])
     div = np.array([b[0].div + 0 * f for b in fluxes.basis])
-    slopes, dx = np.array([b[0].grad for b in nodal.basis]) + 0 * f, nodal.dx
+    slopes = np.array([b[0].grad for b in nodal.basis]) + 0 * f
+    dx = nodal.dx
     mass = np.einsum("idtq,jdtq,tq->tij", phi, phi, dx)
     mixed = np.einsum("itq,jtq,tq->tij", w, div, dx)
     toward = -np.einsum("atq,dtq,jdtq,tq->taj", hat, gradient, phi, dx)
     source = np.einsum("atq,tq,itq,tq->tai", hat, f, w, dx)
     source -= np.einsum("adtq,dtq,itq,tq->tai", slopes, gradient, w, dx)
-    q, p = np.zeros(fluxes.N), len(w)
+    q = np.zeros(fluxes.N)
+    p = len(w)
     for node in range(mesh.p.shape[1]):
         corner, patch = np.nonzero(mesh.t == node)
         dofs = np.unique(fluxes.element_dofs[:, patch])
         n = len(dofs)
-        matrix, right = np.zeros((n + p * len(patch),) * 2), np.zeros(n + p * len(patch))
+        matrix = np.zeros((n + p * len(patch),) * 2)
+        right = np.zeros(n + p * len(patch))
         for k, (t, a) in enumerate(zip(patch, corner, strict=True)):
-            own, constraint = np.searchsorted(dofs, fluxes.element_dofs[:, t]), n + p * k + np.arange(p)
+            own = np.searchsorted(dofs, fluxes.element_dofs[:, t])
+            constraint = n + p * k + np.arange(p)
             matrix[np.ix_(own, own)] += mass[t]
-            matrix[np.ix_(constraint, own)], matrix[np.ix_(own, constraint)] = mixed[t], mixed[t].T
+            matrix[np.ix_(constraint, own)] = mixed[t]
+            matrix[np.ix_(own, constraint)] = mixed[t].T
             right[own] += toward[t, a]
             right[constraint] = source[t, a]
         edges = np.unique(mesh.t2f[:, patch])
@@ -127,7 +137,7 @@ def crossed(n):
 
 def diagonal(n):
     """Squares cut along one diagonal."""
-    mesh = structured(square(), 1 / n)
+    mesh = make_structured_mesh(square(), 1 / n)
     return mesh.points, mesh.triangles
 
 
@@ -136,8 +146,8 @@ def index(points, triangles, n):
     u = sympy.cos(2 * sympy.pi * X) * sympy.cos(2 * sympy.pi * Y)
     mesh = from_arrays(square(), points, triangles)
     f = u - u.diff(X, 2) - u.diff(Y, 2)
-    problem = Problem("moved", square(), plain(f), (number(-10),) * 4, ())
-    solved = discretise(problem, mesh, uniform(square(), 2 / n)).solved(Stop())
+    problem = Problem("moved", square(), plain(f), (rational_expression(-10),) * 4, ())
+    solved = discretise(problem, mesh, make_uniform_partition(square(), 2 / n)).solve(Stop())
     return solved.bound().u / h1_errors(u, mesh, [solved.u_h])[0]
 
 

@@ -9,7 +9,7 @@ import skfem
 from skfem.helpers import dot, grad
 
 from unilateral.bounds import residual_norm
-from unilateral.bounds.flux_residuals import by_parts
+from unilateral.bounds.flux_residuals import bound_by_parts
 from unilateral.bounds.residual_norm import ResidualParts
 from unilateral.fem.form import Form
 from unilateral.geometry import mesh as meshes
@@ -25,7 +25,7 @@ CLAMPED = {"square": (3,)}
 FRIEDRICHS = 2 / math.pi
 """The constant of functions on the unit square that vanish on one side."""
 RATIOS = [0.0, 1e-8, 1e-2, 1.0, 10.0, 100.0, 1e4, 1e8]
-KINDS = ("misfit", "oscillation", "mean", "rest")
+KINDS = ("misfit", "oscillation", "mean", "remainder")
 
 
 @cache
@@ -44,7 +44,8 @@ def parts(shape, rng, sizes, form, factor=0.0):
     """Parts of those sizes at random, and their functional (N,); s' times the `factor`, if that is not 0."""
     mesh, basis, coarse = fine(shape)
     x = basis.global_coordinates()
-    n, area = len(mesh.triangles), mesh.areas
+    n = len(mesh.triangles)
+    area = mesh.areas
 
     def norms(values):
         squares = np.sum(basis.dx * values**2, axis=-1)
@@ -62,7 +63,8 @@ def parts(shape, rng, sizes, form, factor=0.0):
     slopes = rng.standard_normal((2, 3, n))
     field = np.stack([linear(slopes[0]), linear(slopes[1])])
     scale = sizes[0] / math.sqrt(float((norms(field[0]) ** 2 + norms(field[1]) ** 2).max()))
-    field, slopes = scale * field, scale * slopes
+    field = scale * field
+    slopes = scale * slopes
     oscillation = mean_free(linear(rng.standard_normal((3, n))))
     oscillation *= sizes[1] / norms(oscillation).max()
     mean = sizes[2] * rng.standard_normal(n)
@@ -81,15 +83,15 @@ def parts(shape, rng, sizes, form, factor=0.0):
 
     layers = np.full(n, math.inf)
     if factor and form.c:
-        layers = factor * by_parts(mesh, np.arange(n), nodal, inside, np.zeros(n), form)
+        layers = factor * bound_by_parts(mesh, np.arange(n), nodal, inside, np.zeros(n), form)
     found = ResidualParts(
         mesh=mesh,
         form=form,
         misfit=np.hypot(norms(field[0]), norms(field[1])),
         oscillation=norms(oscillation),
         mean=np.sqrt(area) * np.abs(mean),
-        rest=norms(rest),
-        by_parts=layers,
+        remainder=norms(rest),
+        s_prime=layers,
     )
     return found, functional.assemble(basis, field=field, rho=rho)
 
@@ -141,7 +143,7 @@ def bounds(shape, seed=0, kinds=KINDS, exact=KINDS, factor=0.0):
             sizes = [10.0 ** rng.uniform(-2, 2) * (kind in kinds) for kind in KINDS]
             found, load = parts(shape, rng, sizes, form, factor)
             found = found._replace(**{kind: 0 * found.mean for kind in KINDS if kind not in exact})
-            yield form, found.norms()[1] / dual_norm(shape, load, form)
+            yield form, found.dual_norms()[1] / dual_norm(shape, load, form)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -161,8 +163,8 @@ def test_by_parts_a_layer_that_is_not_seen_costs_little():
     form = Form(1.0, 1e4)
     found, load = parts("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
     least = dual_norm("right", load, form)
-    assert found.norms()[0] < 3 * least
-    assert found._replace(by_parts=0 * found.mean + math.inf).norms()[0] > 4 * least
+    assert found.dual_norms()[0] < 3 * least
+    assert found._replace(s_prime=0 * found.mean + math.inf).dual_norms()[0] > 4 * least
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -181,7 +183,7 @@ def test_one_part_alone_has_nearly_its_norm(kind, most):
 
 def test_a_smaller_constant_is_too_small(monkeypatch):
     """The control of j: cos(pi x) on an equilateral triangle has a hundredth less, but not a half."""
-    monkeypatch.setattr(residual_norm, "J", 2 * residual_norm.J)
+    monkeypatch.setattr(residual_norm, "BESSEL_ZERO", 2 * residual_norm.BESSEL_ZERO)
     assert min(ratio for _, ratio in bounds("thin", 3, ("oscillation",))) < 1
 
 
@@ -189,7 +191,7 @@ def test_theta_is_the_best_one():
     """Of all theta in [0, 1], for E = 0; with E any theta makes a bound."""
     rng = np.random.default_rng(4)
     mesh, _, _ = fine("square")
-    delta = mesh.longest_edges / residual_norm.J
+    delta = mesh.longest_edges / residual_norm.BESSEL_ZERO
     for form in forms("square"):
         if form.c == 0:
             continue
@@ -214,17 +216,18 @@ def test_gamma_is_the_best_one():
         with np.errstate(divide="ignore"):
             squares = np.sum(m**2) / ((1 - gamma) * form.k)
             squares += np.sum(r**2) / (form.c + gamma * form.k / FRIEDRICHS**2)
-        assert found.norms()[1] == pytest.approx(math.sqrt(squares.min()), rel=1e-3)
+        assert found.dual_norms()[1] == pytest.approx(math.sqrt(squares.min()), rel=1e-3)
 
 
 def test_nothing_jumps_as_c_vanishes():
     """With Friedrichs' constant; without, the bound grows like c^(-1/2), and is infinite for c = 0."""
     clamped = Form(1.0, 0.0, (3,), friedrichs=FRIEDRICHS)
     found, _ = parts("square", np.random.default_rng(6), [1.0, 1.0, 1.0, 0.1], clamped)
-    on_H1, exact = found.norms()
-    assert found._replace(form=clamped._replace(c=1e-30)).norms()[1] == pytest.approx(exact, rel=1e-12)
+    on_H1, exact = found.dual_norms()
+    assert found._replace(form=clamped._replace(c=1e-30)).dual_norms()[1] == pytest.approx(exact, rel=1e-12)
     assert on_H1 == math.inf
-    small, larger = (found._replace(form=Form(c=c)).norms()[0] for c in (1e-4, 1e-2))
+    small = found._replace(form=Form(c=1e-4)).dual_norms()[0]
+    larger = found._replace(form=Form(c=1e-2)).dual_norms()[0]
     assert 10 < small / larger * 1.01 < 11
 
 
@@ -232,7 +235,7 @@ def test_the_smaller_of_both_counts_on_a_triangle():
     found, _ = parts("square", np.random.default_rng(7), [1.0, 1.0, 1.0, 0.1], Form())
     squares = found.squares()
     other = np.array([0.5 * math.sqrt(squares[0]), math.inf])
-    np.testing.assert_allclose(found._replace(by_parts=other).squares(), squares * [0.25, 1.0])
+    np.testing.assert_allclose(found._replace(s_prime=other).squares(), squares * [0.25, 1.0])
 
 
 @pytest.mark.parametrize("form", [Form(), Form(2.0, 0.5, (3,), friedrichs=FRIEDRICHS), *forms("square")])
@@ -240,5 +243,6 @@ def test_shares_are_parts_of_the_square(form):
     """Their sum is at most S^2 and at least half of it."""
     rng = np.random.default_rng(10)
     found, _ = parts("square", rng, [1.0, 1.0, 1.0, 0.1], form)
-    total, S = found.shares().sum(), found.norms()[1]
+    total = found.shares().sum()
+    S = found.dual_norms()[1]
     assert 0.5 * S**2 * (1 - 1e-6) <= total <= S**2

@@ -11,14 +11,14 @@ from symbolic import X, Y
 
 import unilateral as ul
 from unilateral.bounds import boundary_flux, equilibrated_flux
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.residual_norm import ResidualParts
-from unilateral.bounds.source import linear
-from unilateral.discrete.loads import form_of
+from unilateral.bounds.source import linear_source
+from unilateral.discrete.problem_data import problem_form
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
 SMOOTH = sympy.sin(X) * Y + X**2
@@ -73,9 +73,9 @@ def test_a_tiny_c_is_like_none():
 def test_an_equilibrated_flux_alone_is_not_robust(part, monkeypatch):
     """Control: with w = 1 in patches, or on edges, where lambda_H is far from lambda."""
     if part == "patches":
-        monkeypatch.setattr(equilibrated_flux, "BALANCE", 1e100)
+        monkeypatch.setattr(equilibrated_flux, "PATCH_REACTION_RATIO", 1e100)
     else:
-        monkeypatch.setattr(boundary_flux, "EDGE_BALANCE", 1e100)
+        monkeypatch.setattr(boundary_flux, "EDGE_REACTION_RATIO", 1e100)
     assert index("contact", 1e12, 8) > 10
 
 
@@ -87,23 +87,26 @@ def time_step(values, n, c):
     w is the sum of the J_i g(., x_i), for g(x, y) = sinh(K x) sinh(K (1 - y)) / (K sinh K), x < y, K^2 = c.
     """
     problem = ul.Problem(SQUARE, "0", u={1: "0", 3: "0"}, free_sides=[0, 2], c=repr(c))
-    mesh = structured(problem.polygon, 1 / n)
-    form = form_of(problem, mesh)
-    x, K = np.arange(1, n) / n, np.sqrt(c)
+    mesh = make_structured_mesh(problem.polygon, 1 / n)
+    form = problem_form(problem, mesh)
+    x = np.arange(1, n) / n
+    K = np.sqrt(c)
     nodal = np.concatenate([[0.0], values, [0.0]])
     jumps = np.diff(nodal, 2) * n
-    low, high = np.minimum(x[:, None], x), np.maximum(x[:, None], x)
+    low = np.minimum(x[:, None], x)
+    high = np.maximum(x[:, None], x)
     green = np.exp(K * (low - high)) * np.expm1(-2 * K * low) * np.expm1(-2 * K * (1 - high))
     w = -(green @ jumps) / np.expm1(-2 * K) / (2 * K)
     u_0 = np.interp(mesh.points[:, 0], np.arange(n + 1) / n, nodal)
     stiffness, mass = stiffness_and_mass(mesh)
-    A, inside = (stiffness + c * mass).tocsr(), np.flatnonzero(~form.fixed(mesh))
+    A = (stiffness + c * mass).tocsr()
+    inside = np.flatnonzero(~form.clamped_nodes(mesh))
     w_h = np.zeros(mesh.n_nodes)
     load = -(stiffness @ u_0)[inside]
     w_h[inside] = scipy.sparse.linalg.spsolve(A[inside][:, inside].tocsc(), load)
     error = np.sqrt(jumps @ w - w_h @ (A @ w_h))
-    data = enclose_data(problem, mesh, form, linear(mesh, c * u_0))
-    cells = partitions.uniform(problem.polygon, 2 / n)
+    data = enclose_data(problem, mesh, form, linear_source(mesh, c * u_0))
+    cells = partitions.make_uniform_partition(problem.polygon, 2 / n)
     return local_bound(data, cells, u_0 + w_h, np.zeros(cells.n_cells), form).u, error
 
 
@@ -125,11 +128,11 @@ def test_a_step_in_time_has_the_same_index(name, n):
 
 def test_such_a_step_needs_the_bound_by_parts(monkeypatch):
     """Control: without it the index grows like (h^2 c)^(1/4)."""
-    own = ResidualParts._squares
+    own = ResidualParts._squares_of_block
     monkeypatch.setattr(
         ResidualParts,
-        "_squares",
-        lambda self, block: own(self._replace(by_parts=np.full_like(self.mean, np.inf)), block),
+        "_squares_of_block",
+        lambda self, block: own(self._replace(s_prime=np.full_like(self.mean, np.inf)), block),
     )
     bound, error = time_step(STEPS["hat"](np.arange(1, 8) / 8), 8, 1e12)
     assert bound > 10 * error

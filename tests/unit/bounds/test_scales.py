@@ -16,12 +16,12 @@ from symbolic import X
 import unilateral as ul
 from unilateral.arrays import Array
 from unilateral.bounds import flux_residuals, residual_norm
-from unilateral.bounds.residual_norm import underflow
+from unilateral.bounds.residual_norm import underflow_allowance
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import data_checks
-from unilateral.problems.data_checks import LARGEST, SMALLEST
+from unilateral.problems.data_checks import MAX_DATA_SIZE, MIN_DATA_SIZE
 
 
 def square(length: float) -> list[list[float]]:
@@ -30,8 +30,10 @@ def square(length: float) -> list[list[float]]:
 
 def problem(name: str, of_u: str, length: float = 1.0, k: float = 1.0, c: float = 1.0) -> ul.Problem:
     """u = U(x / L) times a number: known, with contact on both ends of the square, or none."""
-    t, kc = f"(x*{1 / length!r})", {"k": repr(k), "c": repr(c)}
-    second, first = f"{k!r}*({1 / length!r})**2", f"{c!r}"
+    t = f"(x*{1 / length!r})"
+    kc = {"k": repr(k), "c": repr(c)}
+    second = f"{k!r}*({1 / length!r})**2"
+    first = f"{c!r}"
     if name == "constant":
         return ul.Problem(square(length), f"{of_u}*{first}", g=f"-{of_u}", **kc)
     if name == "cosine":
@@ -76,17 +78,18 @@ def solution(name: str, size: float) -> ul.Solution:
 def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, power: int) -> None:
     """But for those of numbers written as decimals, and for what is added as squares may vanish."""
     size = 2.0**power
-    one, scaled = solution(name, 1.0), solution(name, size)
-    lost = underflow(scaled.solved.mesh, scaled.solved.form)
+    one = solution(name, 1.0)
+    scaled = solution(name, size)
+    lost = underflow_allowance(scaled.solved.mesh, scaled.solved.form)
     np.testing.assert_allclose(np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=2 * lost / size)
     assert is_bounded(scaled, name, size)
 
 
 def test_data_beyond_are_refused() -> None:
     """2^-463 and 2^460 are within, by less than a factor of 2^10."""
-    assert SMALLEST < 2.0**-463 < 2**10 * SMALLEST
-    assert 2.0**460 < LARGEST < 2.0**470
-    for size in (0.9 * SMALLEST, 1.1 * LARGEST):
+    assert MIN_DATA_SIZE < 2.0**-463 < 2**10 * MIN_DATA_SIZE
+    assert 2.0**460 < MAX_DATA_SIZE < 2.0**470
+    for size in (0.9 * MIN_DATA_SIZE, 1.1 * MAX_DATA_SIZE):
         with sentences.raises(InputError):
             problem("constant", repr(size))
 
@@ -94,7 +97,7 @@ def test_data_beyond_are_refused() -> None:
 @pytest.mark.parametrize("size", [2.0**-560, 2.0**-900])
 def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
-    monkeypatch.setattr(data_checks, "SMALLEST", 0.0)
+    monkeypatch.setattr(data_checks, "MIN_DATA_SIZE", 0.0)
 
     def found() -> ul.Solution:
         of = problem("cosine", repr(size))
@@ -103,7 +106,7 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
     assert is_bounded(found(), "cosine", size)
     monkeypatch.setattr(flux_residuals, "UNDERFLOW", 0.0)
     monkeypatch.setattr(residual_norm, "UNDERFLOW", 0.0)
-    monkeypatch.setattr(residual_norm, "DIVIDED", 0.0)
+    monkeypatch.setattr(residual_norm, "QUOTIENT_UNDERFLOW", 0.0)
     assert not is_bounded(found(), "cosine", size)
 
 
@@ -141,7 +144,8 @@ def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None
 @pytest.mark.parametrize("algorithm", ["uzawa", "active_set"])
 def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
     """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
-    length, stop = 1e20, ul.Stop(algorithm=algorithm)
+    length = 1e20
+    stop = ul.Stop(algorithm=algorithm)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ul.SolutionWarning)
         found = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)

@@ -11,35 +11,35 @@ from sources import FORMULAS, HATS, Counted, Source, mean
 from sympy import Rational
 
 from unilateral.bounds import source_ancestors as wholes
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.source import enclose_function
 from unilateral.bounds.source_ancestors import (
-    COMPUTED,
-    FINEST,
-    LONG,
-    MOST_HALVINGS,
+    ANCESTOR_GRID_STEP,
+    MAX_ANCESTOR_HALVINGS,
+    MIN_RUN_LENGTH,
+    PROJECTION_ROUNDING,
     Polynomials,
-    inside,
-    whole,
+    corner_variables,
+    enclose_ancestors,
 )
-from unilateral.bounds.source_pieces import rounded_size
-from unilateral.fem.quadrature import symmetric
+from unilateral.bounds.source_pieces import coordinate_scale
+from unilateral.fem.quadrature import symmetric_rule
 from unilateral.fem.splitting import quarter
-from unilateral.formulas.taylor import EPS, basis
+from unilateral.formulas.taylor import EPS, monomial_basis
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.plane import cross
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 KITE = np.array([[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]])
 FAR = Polygon(KITE + 1e5 / 3, "far")
 MESHES = {
-    "square": lambda: structured(square(), 1 / 12),
-    "lshape": lambda: structured(named("lshape"), 1 / 12),
-    "kite": lambda: meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 2),
-    "far": lambda: meshes.refine(meshes.unstructured(FAR, 1 / 3), 2),
-    "at a corner": lambda: graded(structured(named("lshape"), 1 / 2), 2, 12).mesh,
-    "at random": lambda: at_random(meshes.unstructured(Polygon(KITE, "kite"), 1 / 2), 6, 5).mesh,
-    "far, at random": lambda: at_random(meshes.unstructured(FAR, 1 / 2), 4, 5).mesh,
+    "square": lambda: make_structured_mesh(square(), 1 / 12),
+    "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 12),
+    "kite": lambda: meshes.refine_uniformly(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 3), 2),
+    "far": lambda: meshes.refine_uniformly(meshes.make_unstructured_mesh(FAR, 1 / 3), 2),
+    "at a corner": lambda: graded(make_structured_mesh(find_polygon("lshape"), 1 / 2), 2, 12).mesh,
+    "at random": lambda: at_random(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 2), 6, 5).mesh,
+    "far, at random": lambda: at_random(meshes.make_unstructured_mesh(FAR, 1 / 2), 4, 5).mesh,
 }
 NEAR = [name for name in MESHES if "far" not in name]
 SMOOTH = "x*y*sin(3*x) - 1"
@@ -73,11 +73,13 @@ def levels(mesh):
     With the places (m, 3, 2) of their corners in the variables of that one, exactly: those of midpoints are
     means. And how often (m,) they were cut since then.
     """
-    first, sigma = mesh.coarse or mesh, np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
-    nodes, found = first.triangles, []
+    first = mesh.coarse or mesh
+    sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
+    nodes = first.triangles
+    found = []
     for step in [None, *mesh.steps]:
         if step:
-            after = step.put(nodes, step.nodes.astype(nodes.dtype))
+            after = step.replace_values(nodes, step.nodes.astype(nodes.dtype))
             found = [deeper(of, step, nodes) for of in found]
             nodes = after
         count = len(nodes)
@@ -89,30 +91,34 @@ def levels(mesh):
 def deeper(of, step, nodes):
     """One level further down; the triangles before had those `nodes`."""
     around, number, places, times = of
-    corners, own = places[step.parent], nodes[step.parent]
+    corners = places[step.parent]
+    own = nodes[step.parent]
     new = np.empty((len(step.parent), 3, 2))
     for i in range(3):
         node = step.nodes[:, i]
         at_corner = own == node[:, None]
-        ends = step.ends[np.maximum(node - step.n, 0)]
+        ends = step.ends[np.maximum(node - step.n_old_nodes, 0)]
         at_ends = (own[:, :, None] == ends[:, None]).any(axis=2)
-        share = np.where(node[:, None] >= step.n, 0.5 * at_ends, at_corner)
+        share = np.where(node[:, None] >= step.n_old_nodes, 0.5 * at_ends, at_corner)
         new[:, i] = np.einsum("kj,kjd->kd", share, corners)
-    times = step.inherited(times)
+    times = step.inherit(times)
     times[step.triangles] += 1
-    return around, step.inherited(number), step.put(places, new), times
+    return around, step.inherit(number), step.replace_values(places, new), times
 
 
 @pytest.mark.parametrize("name", MESHES)
 def test_places_in_an_ancestor_are_exact(name):
     """Multiples of 2^-6, however corners are rounded. Control: of triangles cut ten times they are not."""
-    mesh, deepest = mesh_of(name), 0
+    mesh = mesh_of(name)
+    deepest = 0
     corners = mesh.points[mesh.triangles]
     for frame, number, places, times in levels(mesh):
-        near, far, deepest = times <= MOST_HALVINGS, times >= 10, max(deepest, times.max())
+        near = times <= MAX_ANCESTOR_HALVINGS
+        far = times >= 10
+        deepest = max(deepest, times.max())
         found = placed(corners[near], frame[number[near]])
         np.testing.assert_array_equal(found, places[near])
-        np.testing.assert_array_equal(found / FINEST, np.rint(found / FINEST))
+        np.testing.assert_array_equal(found / ANCESTOR_GRID_STEP, np.rint(found / ANCESTOR_GRID_STEP))
         if far.any():
             assert np.any(placed(corners[far], frame[number[far]]) != places[far])
     assert (deepest >= 10) == (name == "at a corner")
@@ -121,22 +127,24 @@ def test_places_in_an_ancestor_are_exact(name):
 def placed(corners, around):
     """(k, 3, 2) corners (k, 3, 2) in the variables of the triangles (k, 3, 2) around them."""
     frame = wholes._frame(*around.transpose(1, 2, 0))
-    return np.stack(inside(corners.transpose(2, 1, 0), frame)).transpose(2, 1, 0)
+    return np.stack(corner_variables(corners.transpose(2, 1, 0), frame)).transpose(2, 1, 0)
 
 
 def corners_of(known):
     """(k, 3, 2) of the triangles of polynomials, from the maps to their variables, -1 and 1 there."""
-    to_sigma, middle = known.frame[:4].T.reshape(-1, 2, 2) * FINEST, known.frame[4:].T
+    to_sigma = known.frame[:4].T.reshape(-1, 2, 2) * ANCESTOR_GRID_STEP
+    middle = known.frame[4:].T
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
     return middle[:, None] + np.einsum("kij,cj->kci", np.linalg.inv(to_sigma), sigma)
 
 
 def check_halvings(found, mesh):
     """Each time a triangle is cut its area is halved once or twice; so often as is allowed."""
-    around, corners = corners_of(found.known)[found.of], mesh.points[mesh.triangles]
+    around = corners_of(found.polynomials)[found.numbers]
+    corners = mesh.points[mesh.triangles]
     of_areas = np.rint(np.log2(doubled(around) / doubled(corners))).astype(int)
     assert np.all((found.halvings <= of_areas) & (of_areas <= 2 * found.halvings))
-    assert found.halvings.max() <= MOST_HALVINGS
+    assert found.halvings.max() <= MAX_ANCESTOR_HALVINGS
 
 
 def doubled(corners):
@@ -150,22 +158,27 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
 
     Control: with p of the next triangle it does not hold.
     """
-    mesh, rng, controls = mesh_of(name), np.random.default_rng(1), []
+    mesh = mesh_of(name)
+    rng = np.random.default_rng(1)
+    controls = []
     barycentric = rng.dirichlet([1, 1, 1], 6)
-    at, all_levels = points(mesh, barycentric), levels(mesh)[::2]
+    at = points(mesh, barycentric)
+    all_levels = levels(mesh)[::2]
     for text in formulas(rng):
         of = Source(text)
         value = of.value(*np.moveaxis(at, 2, 0))[0]
         slack = 16 * EPS * np.abs(value).max()
         for frame, number, *_ in all_levels:
-            found = whole(frame, rounded_size(mesh), of)
+            found = enclose_ancestors(frame, coordinate_scale(mesh), of)
             p = values(found, number, at)
-            assert np.all(np.abs(value - p) <= found.rad[number][:, None] + slack), text
+            assert np.all(np.abs(value - p) <= found.remainder[number][:, None] + slack), text
             wrong = values(found, np.roll(number, 1), at)
-            controls.append(np.any(np.abs(value - wrong) > found.rad[np.roll(number, 1)][:, None] + slack))
-        found = enclosed(mesh, of).seen
-        p = values(found.known, found.of, at)
-        assert np.all(np.abs(value - p) <= found.known.rad[found.of][:, None] + slack), text
+            controls.append(
+                np.any(np.abs(value - wrong) > found.remainder[np.roll(number, 1)][:, None] + slack)
+            )
+        found = enclose_function(mesh, of).ancestors
+        p = values(found.polynomials, found.numbers, at)
+        assert np.all(np.abs(value - p) <= found.polynomials.remainder[found.numbers][:, None] + slack), text
         check_halvings(found, mesh)
     assert np.any(controls)
 
@@ -173,14 +186,15 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
 def values(found, number, at):
     """(m, q) p of those numbers (m,) at points (m, q, 2)."""
     a, b, c = np.moveaxis(corners_of(found)[number], 1, 0)[..., None, :]
-    x, y = (cross(at - a, c - a) / cross(b - a, c - a), cross(b - a, at - a) / cross(b - a, c - a))
+    x = cross(at - a, c - a) / cross(b - a, c - a)
+    y = cross(b - a, at - a) / cross(b - a, c - a)
     powers = [[1.0], [1.0]]
     for of, sigma in zip(powers, (2 * x - 1, 2 * y - 1), strict=True):
         for _ in range(4):
             of.append(of[-1] * sigma)
     return sum(
         found.c[k, number, None] * powers[0][i] * powers[1][j]
-        for k, (i, j) in enumerate(basis(2, 4).exponents.tolist())
+        for k, (i, j) in enumerate(monomial_basis(2, 4).exponents.tolist())
     )
 
 
@@ -190,7 +204,7 @@ def projected(c, corners):
     Both are exact.
     """
     x, y = (sum(hat * Rational(z) for hat, z in zip(HATS, of, strict=True)) for of in corners.T.tolist())
-    terms = zip(basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
+    terms = zip(monomial_basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
     p = sum(x**i * y**j * Rational(each) for (i, j), each in terms)
     moments = [mean(p * hat) for hat in HATS]
     f_h = [12 * of - 3 * sum(moments) for of in moments]
@@ -201,10 +215,11 @@ def projected(c, corners):
 def some_parts():
     """Of the triangle of sigma: itself, and random descendants with corners at multiples of 2^-6."""
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
-    rng, found = np.random.default_rng(7), [sigma]
+    rng = np.random.default_rng(7)
+    found = [sigma]
     for _ in range(7):
         a, b, c = sigma
-        for _ in range(rng.integers(1, MOST_HALVINGS + 1)):
+        for _ in range(rng.integers(1, MAX_ANCESTOR_HALVINGS + 1)):
             m = 0.5 * (b + c)
             a, b, c = ((m, a, b), (m, c, a))[rng.integers(2)]
         found.append(np.array([a, b, c]))
@@ -216,14 +231,16 @@ def worst_rounding(count):
 
     On as many triangles in a row that lie alike.
     """
-    rng, worst, number = np.random.default_rng(5), 0.0, np.arange(count) % 4
+    rng = np.random.default_rng(5)
+    worst = 0.0
+    number = np.arange(count) % 4
     sigma = some_parts()[0]
     for part in some_parts():
         c = rng.standard_normal((4, 15)) * 10.0 ** rng.uniform(-3, 0, (4, 15))
         c[0, 1:] = 0
         frame = wholes._frame(*np.repeat(sigma[:, :, None], 4, axis=2))
         known = Polynomials(c.T.copy(), np.zeros(4), frame)
-        f_h, squares = wholes.values(np.repeat(part.T[..., None], count, axis=2), known, number)
+        f_h, squares = wholes.project_polynomials(np.repeat(part.T[..., None], count, axis=2), known, number)
         for k in range(4):
             exact, square = projected(c[k], part)
             off = max(abs(float(Rational(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
@@ -232,23 +249,26 @@ def worst_rounding(count):
     return worst
 
 
-@pytest.mark.parametrize(("count", "other"), [(4, "_matrices"), (LONG, "_horner")])
+@pytest.mark.parametrize(
+    ("count", "other"), [(4, "_coefficient_matrices"), (MIN_RUN_LENGTH, "_evaluate_polynomials")]
+)
 def test_what_is_rounded_is_below_its_allowance(monkeypatch, count, other):
     """In rational arithmetic, by both ways of computing it; and a hundredth of it would be too little."""
     monkeypatch.setattr(wholes, other, None)
-    assert 0.01 < worst_rounding(count) / COMPUTED <= 1
+    assert 0.01 < worst_rounding(count) / PROJECTION_ROUNDING <= 1
 
 
 @pytest.mark.parametrize("name", ["square", "at random"])
 def test_both_ways_make_the_same_of_p(monkeypatch, name):
     """Up to the allowances of both. They are rounded differently: neither of them is idle."""
-    mesh, of = mesh_of(name), Source(SMOOTH)
-    monkeypatch.setattr(wholes, "LONG", 1)
-    found = enclosed(mesh, of)
-    monkeypatch.setattr(wholes, "LONG", 2 * len(mesh.triangles))
-    expected = enclosed(mesh, of)
-    c = found.seen.known.c[:, found.seen.of]
-    allowed = 2 * COMPUTED * EPS * np.abs(c).sum(axis=0)
+    mesh = mesh_of(name)
+    of = Source(SMOOTH)
+    monkeypatch.setattr(wholes, "MIN_RUN_LENGTH", 1)
+    found = enclose_function(mesh, of)
+    monkeypatch.setattr(wholes, "MIN_RUN_LENGTH", 2 * len(mesh.triangles))
+    expected = enclose_function(mesh, of)
+    c = found.ancestors.polynomials.c[:, found.ancestors.numbers]
+    allowed = 2 * PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0)
     assert np.all(np.abs(found.f_h - expected.f_h).max(axis=1) <= allowed)
     assert np.all(np.abs(found.oscillation - expected.oscillation) <= allowed * np.sqrt(mesh.areas))
     assert np.any(found.f_h != expected.f_h)
@@ -257,9 +277,9 @@ def test_both_ways_make_the_same_of_p(monkeypatch, name):
 def test_the_allowance_is_in_rad():
     """Of a constant, which has no other remainder but the rounding of its 15 coefficients."""
     mesh = mesh_of("square")
-    found = whole(mesh.points[mesh.triangles], rounded_size(mesh), Source("3"))
-    assert np.all(found.rad >= COMPUTED * EPS * 3)
-    assert np.all(found.rad <= 2 * COMPUTED * EPS * 3)
+    found = enclose_ancestors(mesh.points[mesh.triangles], coordinate_scale(mesh), Source("3"))
+    assert np.all(found.remainder >= PROJECTION_ROUNDING * EPS * 3)
+    assert np.all(found.remainder <= 2 * PROJECTION_ROUNDING * EPS * 3)
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -271,21 +291,21 @@ def test_polynomials_are_taken_from_the_coarsest_level(name):
     mesh = mesh_of(name)
     x, y = (f"({z} - {c!r})" for z, c in zip("xy", mesh.polygon.vertices[0].tolist(), strict=True))
     of = Counted(f"3*{x}**4 - 2*{x}*{y}**3 + {y}**2 - 5*{x} + 7")
-    found = enclosed(mesh, of)
+    found = enclose_function(mesh, of)
     if name != "at a corner" and name in NEAR:
         assert of.pieces == len(mesh.coarse.triangles)
     elif name in NEAR:
         assert len(mesh.coarse.triangles) < of.pieces < len(mesh.triangles) / 2
     size = 30 * max(1e-12, 64 * EPS * np.abs(mesh.points).max())
-    hats, weights = symmetric(6)
+    hats, weights = symmetric_rule(6)
     value = of.value(*np.moveaxis(points(mesh, hats), 2, 0))[0]
     moments = mesh.areas[:, None] * ((value * weights) @ hats)
     assert np.all(np.abs(found.moments() - moments) <= size * mesh.areas[:, None])
-    hats, weights = symmetric(8)
+    hats, weights = symmetric_rule(8)
     rest = of.value(*np.moveaxis(points(mesh, hats), 2, 0))[0] - found.f_h @ hats.T
     norms = np.sqrt(mesh.areas * (rest**2 @ weights))
     assert np.all(np.abs(norms - found.oscillation) <= size * np.sqrt(mesh.areas))
-    assert np.all(found.rest <= size * np.sqrt(mesh.areas))
+    assert np.all(found.remainder <= size * np.sqrt(mesh.areas))
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -299,19 +319,29 @@ def test_the_same_with_and_without_coarser_levels(name):
     for text in [*FORMULAS, SMOOTH]:
         here = text.replace("exp", "E").replace("x", f"(x - {shift[0]})").replace("y", f"(y - {shift[1]})")
         of = Source(here.replace("E", "exp"))
-        found, expected = enclosed(mesh, of), enclosed(alone(mesh), of)
-        assert found.resolved == expected.resolved
-        most = np.sqrt(mesh.areas) * (found.rest + expected.rest)
+        found = enclose_function(mesh, of)
+        expected = enclose_function(alone(mesh), of)
+        assert found.is_resolved == expected.is_resolved
+        most = np.sqrt(mesh.areas) * (found.remainder + expected.remainder)
         moved = found.moments() - expected.moments()
         assert np.all(np.abs(moved.sum(axis=1)) <= most)
         if "pos" not in text:
             assert np.all(np.abs(moved) <= most[:, None])
-            d, value = found.f_h - expected.f_h, of.value(*mesh.points.T)[0]
+            d = found.f_h - expected.f_h
+            value = of.value(*mesh.points.T)[0]
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
-            wanted = wholes.ABOVE * wholes.ENOUGH * wholes.resolution(mesh, 1.0) * np.ptp(value)
-            assert found.unknown**2 <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.unknown**2
+            wanted = (
+                wholes.COARSE_TARGET_SHARE
+                * wholes.TARGET_REMAINDER_RATIO
+                * wholes.relative_mesh_size(mesh, 1.0)
+                * np.ptp(value)
+            )
+            assert (
+                found.remainder_norm**2
+                <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.remainder_norm**2
+            )
 
 
 @pytest.mark.parametrize("name", NEAR)
@@ -320,19 +350,23 @@ def test_what_is_left_of_f_is_bounded(name):
 
     1e-9 is for the rule's error, the ninth derivative on parts of h/4 <= 1/48 of what varies over 1/20.
     """
-    mesh, (rule, weights) = mesh_of(name), symmetric(8)
+    mesh = mesh_of(name)
+    (rule, weights) = symmetric_rule(8)
     hats = (quarter(quarter(np.eye(3)[None])).transpose(0, 2, 1) @ rule.T).transpose(0, 2, 1).reshape(-1, 3)
-    at, root, weights = points(mesh, hats), np.sqrt(mesh.areas), np.tile(weights, 16) / 16
+    at = points(mesh, hats)
+    root = np.sqrt(mesh.areas)
+    weights = np.tile(weights, 16) / 16
     for text in formulas(np.random.default_rng(2), 20):
         of = Source(text)
-        found = enclosed(mesh, of)
+        found = enclose_function(mesh, of)
         away = np.ones(len(root), dtype=bool)
         for kink in of.jumps.values():
-            away &= np.abs(kink.level(mesh.circles[0])) > mesh.longest_edges
+            away &= np.abs(kink.signed_distances(mesh.enclosing_circles[0])) > mesh.longest_edges
         rest = of.value(*np.moveaxis(at, 2, 0))[0] - found.f_h @ hats.T
-        norms, integrals = np.sqrt(mesh.areas * (rest**2 @ weights)), mesh.areas * (rest @ weights)
-        assert np.all((norms <= found.oscillation + found.rest + 1e-9 * root)[away]), text
-        assert np.all((np.abs(integrals) <= found.rest * root + 1e-9 * mesh.areas)[away]), text
+        norms = np.sqrt(mesh.areas * (rest**2 @ weights))
+        integrals = mesh.areas * (rest @ weights)
+        assert np.all((norms <= found.oscillation + found.remainder + 1e-9 * root)[away]), text
+        assert np.all((np.abs(integrals) <= found.remainder * root + 1e-9 * mesh.areas)[away]), text
 
 
 def test_how_often_f_is_looked_at():
@@ -344,7 +378,7 @@ def test_how_often_f_is_looked_at():
     counts = []
     for n in (64, 256):
         of = Counted(SMOOTH)
-        enclosed(structured(square(), 1 / n), of)
+        enclose_function(make_structured_mesh(square(), 1 / n), of)
         counts.append(of.pieces)
     assert counts[1] <= 4 * 4 ** (2 / 5) * counts[0]
 
@@ -355,23 +389,28 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
 
     Control: where p is taken for f it is missed.
     """
-    of, mesh = Source(f"exp(-((x - 409/1000)**2 + (y - 397/1000)**2)*{1 / width**2:.0f})"), mesh_of("square")
+    of = Source(f"exp(-((x - 409/1000)**2 + (y - 397/1000)**2)*{1 / width**2:.0f})")
+    mesh = mesh_of("square")
 
     def missed():
-        found = enclosed(mesh, of)
-        return abs(found.moments().sum() - np.pi * width**2) - found.rest @ np.sqrt(mesh.areas)
+        found = enclose_function(mesh, of)
+        return abs(found.moments().sum() - np.pi * width**2) - found.remainder @ np.sqrt(mesh.areas)
 
     assert missed() <= 0
-    monkeypatch.setattr(wholes, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad))
+    monkeypatch.setattr(
+        wholes,
+        "enclose_ancestors",
+        lambda *given: enclose_ancestors(*given)._replace(remainder=0 * enclose_ancestors(*given).remainder),
+    )
     assert missed() > 0.5 * np.pi * width**2
 
 
 def test_memory_is_proportional_to_the_mesh():
     """The result has 64 bytes a triangle; with numbers of blocks and of the last coarser level 300."""
-    mesh = structured(square(), 1 / 128)
+    mesh = make_structured_mesh(square(), 1 / 128)
     assert mesh.areas.size == mesh.longest_edges.size
     tracemalloc.start()
-    enclosed(mesh, Source(SMOOTH))
+    enclose_function(mesh, Source(SMOOTH))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak <= 300 * len(mesh.triangles)
@@ -389,7 +428,7 @@ TEXTS = [
 
 def two_meshes(times=1):
     """A mesh that is refined at random, and the same refined further, so often."""
-    all_of = at_random(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 3 + times, 9).meshes
+    all_of = at_random(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 3), 3 + times, 9).meshes
     return all_of[3], all_of[-1]
 
 
@@ -399,26 +438,28 @@ def test_what_is_kept_is_what_is_found_anew(text, times):
     """Up to both rests; of polynomials up to rounding, as they are enclosed exactly on any triangle."""
     coarse, fine = two_meshes(times)
     data = Source(text)
-    found, anew = enclosed(fine, data, enclosed(coarse, data)), enclosed(fine, data)
-    most = np.sqrt(fine.areas) * (found.rest + anew.rest)
+    found = enclose_function(fine, data, enclose_function(coarse, data))
+    anew = enclose_function(fine, data)
+    most = np.sqrt(fine.areas) * (found.remainder + anew.remainder)
     if "pos(x - 1/3" not in text:
         assert np.all(np.abs(found.moments() - anew.moments()) <= most[:, None] + 1e-15)
     if text in TEXTS[:2]:
         np.testing.assert_allclose(found.f_h, anew.f_h, rtol=0, atol=1e-13)
         np.testing.assert_allclose(found.oscillation, anew.oscillation, rtol=0, atol=1e-13)
     assert found.mesh is fine
-    assert found.resolved == anew.resolved
+    assert found.is_resolved == anew.is_resolved
 
 
 def test_kept_values_are_the_same_numbers():
     """Of triangles that are not cut; control: f of another formula is another one there, and on new ones."""
     coarse, fine = two_meshes()
-    data, other = Source("exp(x*y)"), Source("exp(x*y) + 1")
-    before = enclosed(coarse, data)
-    found = enclosed(fine, other, before)
+    data = Source("exp(x*y)")
+    other = Source("exp(x*y) + 1")
+    before = enclose_function(coarse, data)
+    found = enclose_function(fine, other, before)
     old = np.setdiff1d(np.arange(len(coarse.triangles)), fine.steps[-1].parent)
     np.testing.assert_array_equal(found.f_h[old], before.f_h[old])
-    assert np.abs(found.f_h[old] - enclosed(fine, other).f_h[old]).max() > 0.9
+    assert np.abs(found.f_h[old] - enclose_function(fine, other).f_h[old]).max() > 0.9
 
 
 class Placed(Counted):
@@ -437,10 +478,11 @@ class Placed(Counted):
 def test_only_where_triangles_were_cut_f_is_looked_at(text):
     """And only where those that they came from do not suffice. Control: anew it is everywhere."""
     coarse, fine = two_meshes()
-    data, anew = Placed(text), Placed(text)
-    before = enclosed(coarse, Source(text))
-    enclosed(fine, data, before)
-    enclosed(fine, anew)
+    data = Placed(text)
+    anew = Placed(text)
+    before = enclose_function(coarse, Source(text))
+    enclose_function(fine, data, before)
+    enclose_function(fine, anew)
     cut = np.unique(fine.steps[-1].parent)
     assert 0 < len(cut) < len(coarse.triangles) / 2
     assert np.all(np.isin(containing(coarse, data.places), cut))
@@ -448,7 +490,7 @@ def test_only_where_triangles_were_cut_f_is_looked_at(text):
     assert data.pieces < anew.pieces
     assert (data.pieces == 0) == (text == "x**2*y - 3*x")
     data.pieces = 0
-    enclosed(fine, data, enclosed(fine, Source(text)))
+    enclose_function(fine, data, enclose_function(fine, Source(text)))
     assert data.pieces == 0
 
 
@@ -467,57 +509,61 @@ def test_what_is_unknown_stays_unknown():
     """Of the triangles that are kept; control: not of others."""
     coarse, fine = two_meshes()
     data = Source("exp(x)")
-    before = enclosed(coarse, data)
-    found = enclosed(fine, data, replace(before, rest=before.rest + 7, resolved=False))
+    before = enclose_function(coarse, data)
+    found = enclose_function(fine, data, replace(before, remainder=before.remainder + 7, is_resolved=False))
     step = fine.steps[-1]
-    assert np.all(np.delete(found.rest, step.triangles) >= 7)
-    assert np.all(found.rest[step.triangles] < 1)
-    assert not found.resolved
+    assert np.all(np.delete(found.remainder, step.triangles) >= 7)
+    assert np.all(found.remainder[step.triangles] < 1)
+    assert not found.is_resolved
 
 
 def deep(times):
-    return graded(structured(square(), 1 / 2), 0, times).meshes
+    return graded(make_structured_mesh(square(), 1 / 2), 0, times).meshes
 
 
 def test_far_descendants_are_asked_for_again():
     """f of degree 4 needs no finer triangles, but those that were cut more than six times do."""
     text = "3*x**4 - 2*x*y**3 + y**2 - 5*x + 7"
     for times, more in ((6, False), (7, True), (12, True)):
-        mesh, of = deep(times)[-1], Counted(text)
-        found = enclosed(mesh, of)
+        mesh = deep(times)[-1]
+        of = Counted(text)
+        found = enclose_function(mesh, of)
         assert (of.pieces > len(mesh.coarse.triangles)) == more
-        assert found.seen.halvings.max() <= MOST_HALVINGS
+        assert found.ancestors.halvings.max() <= MAX_ANCESTOR_HALVINGS
         assert of.pieces < len(mesh.triangles)
 
 
 def test_without_that_the_allowance_is_exceeded(monkeypatch):
     """Their corners are no multiples of 2^-6: f_h is wrong there by far more than the rest."""
-    mesh, of = deep(12)[-1], Source("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
+    mesh = deep(12)[-1]
+    of = Source("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
 
     def apart():
-        found, alike = enclosed(mesh, of), enclosed(alone(mesh), of)
+        found = enclose_function(mesh, of)
+        alike = enclose_function(alone(mesh), of)
         moved = np.abs(found.moments() - alike.moments()).max(axis=1)
-        return (moved - np.sqrt(mesh.areas) * (found.rest + alike.rest)).max()
+        return (moved - np.sqrt(mesh.areas) * (found.remainder + alike.remainder)).max()
 
     assert apart() <= 0
-    monkeypatch.setattr(wholes, "MOST_HALVINGS", 100)
+    monkeypatch.setattr(wholes, "MAX_ANCESTOR_HALVINGS", 100)
     assert apart() > 0
 
 
 @pytest.mark.parametrize("steps", [1, 2, 5])
 def test_what_is_kept_is_asked_for_again_likewise(steps):
     """From mesh to mesh, however many steps lie between them: halvings are counted on."""
-    all_of, data = deep(15), Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
+    all_of = deep(15)
+    data = Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
     found = None
     for mesh in all_of[::steps]:
-        found = enclosed(mesh, data, found)
-        check_halvings(found.seen, mesh)
-    once = enclosed(found.mesh, data)
+        found = enclose_function(mesh, data, found)
+        check_halvings(found.ancestors, mesh)
+    once = enclose_function(found.mesh, data)
     np.testing.assert_allclose(found.f_h, once.f_h, rtol=0, atol=1e-12)
 
 
 def test_all_triangles_may_be_left_to_pieces():
     """A wave that no triangle of the mesh resolves."""
-    found = enclosed(structured(square(), 1 / 8), Source("cos(200*x)"))
+    found = enclose_function(make_structured_mesh(square(), 1 / 8), Source("cos(200*x)"))
     assert np.all(np.isfinite(found.f_h))
-    assert found.resolved
+    assert found.is_resolved

@@ -10,14 +10,14 @@ from sources import HATS, Source, mean
 from sympy import Rational
 
 from unilateral.bounds import source_pieces
-from unilateral.bounds.source import enclosed
-from unilateral.bounds.source_pieces import ORDER, hat_means
-from unilateral.formulas.expression import Atom
-from unilateral.formulas.taylor import Model, basis
+from unilateral.bounds.source import enclose_function
+from unilateral.bounds.source_pieces import SOURCE_DEGREE, hat_means
+from unilateral.formulas.expression import Primitive
+from unilateral.formulas.taylor import TaylorModel, monomial_basis
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 K = 40
 
@@ -28,8 +28,10 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     x at the corners, by rational numbers, is within the bound of |f - p|. Control: p is off by more than the
     rounding of numbers as small as that.
     """
-    x, y = np.array([-1e6 / 3, 1e6 / 3 + 0.1, 0.3]), np.array([-1e6 / 7, -1e6 / 7, 1e6 / 3])
-    points, unit = np.column_stack([x, y]), 2.0**-40
+    x = np.array([-1e6 / 3, 1e6 / 3 + 0.1, 0.3])
+    y = np.array([-1e6 / 7, -1e6 / 7, 1e6 / 3])
+    points = np.column_stack([x, y])
+    unit = 2.0**-40
     mesh = meshes.from_arrays(Polygon(points, "large"), points, [[0, 1, 2]])
     of_mesh = x[mesh.triangles[0]].tolist()
     first = 1 / 3 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, (K, 2))
@@ -38,8 +40,9 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     corners = np.stack([first, first + 9e4 * unit * np.array([1, -1, 0]), first], axis=1)
     corners[:, 2] += 9e4 * unit * np.array([0, 1, -1])
     assert np.all(corners.sum(axis=2) == 1)
-    found, worst = source_pieces.on_block(mesh, corners, np.zeros(K, dtype=int), Source("x")), 0.0
-    for k, known in enumerate(np.sqrt(found.squares / found.outer)):
+    found = source_pieces.enclose_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
+    worst = 0.0
+    for k, known in enumerate(np.sqrt(found.remainder_squares / found.outer_area)):
         c, *slopes = (Fraction(float(each)) for each in found.c[:3, k])
         at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
         for p, weights in zip(at_corners, found.corners[k].tolist(), strict=True):
@@ -51,10 +54,11 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
 
 def test_the_rounding_of_sums_over_p_is_known():
     """Of its means with hats, against rational numbers."""
-    of, rng = basis(2, ORDER), np.random.default_rng(1)
-    c = rng.standard_normal((len(of.degree), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
+    of = monomial_basis(2, SOURCE_DEGREE)
+    rng = np.random.default_rng(1)
+    c = rng.standard_normal((len(of.degrees), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
     zero = np.zeros(c.shape[1])
-    known = source_pieces._known(Model(of, c, zero, (zero, zero)))
+    known = source_pieces._remainder_bound(TaylorModel(of, c, zero, (zero, zero)))
     _, x, y = HATS
     monomials = [(2 * x - 1) ** i * (2 * y - 1) ** j for i, j in of.exponents.tolist()]
     off = []
@@ -68,11 +72,14 @@ def test_the_rounding_of_sums_over_p_is_known():
 
 def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     """Points on a circle far from the origin but for rounding, each a piece; it puts them on either side."""
-    kink, angle = Kink((1e6 / 3, 1e6 / 7), 0.3), np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
+    kink = Kink((1e6 / 3, 1e6 / 7), 0.3)
+    angle = np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
     points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
-    _, wrong = source_pieces.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
-    assert not np.isnan(wrong[Atom("step")]).any()
-    level = kink.level(points)
+    _, wrong = source_pieces.step_values(
+        np.repeat(points[:, None], 3, axis=1), {Primitive("step"): kink}, 1e6
+    )
+    assert not np.isnan(wrong[Primitive("step")]).any()
+    level = kink.signed_distances(points)
     assert (level > 0).any()
     assert (level < 0).any()
 
@@ -86,14 +93,15 @@ def test_two_jumps_that_are_wrong_at_once():
     of = Source(f"{near.format(10**9)}*{near.format(10**5)}")
     triangle = np.array([[0.74, 0.49], [0.76, 0.49], [0.75, 0.51]])
     mesh = meshes.from_arrays(Polygon(triangle, "small"), triangle, [[0, 1, 2]])
-    found, _ = source_pieces.polynomials(mesh, np.eye(3)[None], np.zeros(1, dtype=int), of)
+    found, _ = source_pieces.enclose_pieces(mesh, np.eye(3)[None], np.zeros(1, dtype=int), of)
     u = (np.stack(np.meshgrid(*2 * [np.arange(1000)]), axis=-1).reshape(-1, 2) + 0.5) / 1000
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
     hats = np.column_stack([1 - u.sum(axis=1), u])
     values = (of.value(*(hats @ corners @ triangle).T)[0] for corners in found.corners)  # a piece at a time
     squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
-    norms, areas = np.sqrt(squares * found.area), found.area
-    assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
+    norms = np.sqrt(squares * found.area)
+    areas = found.area
+    assert np.all(norms <= np.sqrt(found.remainder_squares) + found.jump_norm + 1e-3 * np.sqrt(areas))
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))
 
 
@@ -117,14 +125,16 @@ def test_areas_in_a_disc():
 @pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
 def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
-    mesh = structured(square(), 1 / 64)
+    mesh = make_structured_mesh(square(), 1 / 64)
     corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
-    pieces, owner = source_pieces.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
+    pieces, owner = source_pieces.split_at_jumps(
+        mesh, corners, np.arange(len(corners)), {Primitive("step"): kink}
+    )
     shares = np.abs(np.linalg.det(pieces))
     np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
     assert len(pieces) > len(corners)
     vertices = pieces @ mesh.points[mesh.triangles[owner]]
-    level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
+    level = kink.signed_distances(vertices.reshape(-1, 2)).reshape(-1, 3)
     near = 2 / 64**2 / (4 * kink.radius) if kink.radius else 1e-14
     assert np.all((level.min(axis=1) > -near) | (level.max(axis=1) < near))
 
@@ -135,7 +145,7 @@ def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
     assert np.hypot(*corners.mean(axis=0)) == 1
     mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
     for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
-        found = enclosed(mesh, Source(text))
+        found = enclose_function(mesh, Source(text))
         assert found.moments().sum() == pytest.approx(0.000125569401688, abs=1e-13)
 
 
@@ -147,8 +157,8 @@ def test_pieces_count_for_the_gaps_between_them():
     )
     inside = (corners - 1e6) / 1e6
     bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
-    pieces = source_pieces.on_block(mesh, bary[None], np.array([0]), Source("x"))
-    assert pieces.outer[0] > 1.2 * pieces.area[0]
+    pieces = source_pieces.enclose_block(mesh, bary[None], np.array([0]), Source("x"))
+    assert pieces.outer_area[0] > 1.2 * pieces.area[0]
 
 
 SLOPE = 50
@@ -162,7 +172,8 @@ def in_the_disc(y):
         t = (y - a[1]) / (b[1] - a[1])
         if 0 <= t <= 1:
             ends.append(a[0] + t * (b[0] - a[0]))
-    low, high = min(ends), min(max(ends), np.sqrt(1 - y**2))
+    low = min(ends)
+    high = min(max(ends), np.sqrt(1 - y**2))
     return (high - low) + SLOPE / 2 * (high**2 - low**2) if high > low else 0.0
 
 
@@ -172,8 +183,8 @@ def test_slivers_between_chords_and_a_circle_count_in_the_integral():
     The jump is not constant along the circle, so that the slivers' share is known up to its variation only.
     """
     mesh = meshes.from_arrays(Polygon(CORNERS, "triangle"), CORNERS, [[0, 1, 2]])
-    found = enclosed(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
+    found = enclose_function(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
     cuts = np.linspace(-0.03, 0.05, 401)
     exact = sum(quad(in_the_disc, a, b, epsabs=1e-16)[0] for a, b in pairwise(cuts))
     away = abs(exact - found.moments().sum())
-    assert 1e-12 < away <= found.rest[0] * np.sqrt(mesh.areas[0])
+    assert 1e-12 < away <= found.remainder[0] * np.sqrt(mesh.areas[0])

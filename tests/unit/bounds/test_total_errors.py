@@ -13,11 +13,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from unilateral.bounds.total_errors import Defect, defect, total_errors
+from unilateral.bounds.total_errors import ResidualBounds, bound_residual, bound_total_errors
 from unilateral.fem.form import Form
 
 N = 7
-CLAMPED, CONTACT = np.array([0, 1]), np.array([2, 3])
+CLAMPED = np.array([0, 1])
+CONTACT = np.array([2, 3])
 
 
 def dual_norm(A, functional):
@@ -33,15 +34,17 @@ class Parts:
     misfit: np.ndarray
     others: np.ndarray
 
-    def _replace(self, by_parts=math.inf, **others):
-        assert np.all(np.isinf(by_parts))
+    def _replace(self, s_prime=math.inf, **others):
+        assert np.all(np.isinf(s_prime))
         return replace(self, **others)
 
     def functional(self):
         return self.space.G.T @ self.misfit + self.others
 
-    def norms(self):
-        A, V, functional = self.space.matrix(self.form), self.space.V, self.functional()
+    def dual_norms(self):
+        A = self.space.matrix(self.form)
+        V = self.space.V
+        functional = self.functional()
         on_H1 = dual_norm(A, functional) if self.form.c else math.inf
         return on_H1, dual_norm(A[np.ix_(V, V)], functional[V])
 
@@ -56,7 +59,8 @@ class Space:
         for row, (i, j) in enumerate(self.pairs):
             self.G[row, [i, j]] = np.array([1.0, -1.0]) * math.sqrt(weights[i, j])
         B = rng.normal(size=(N, N))
-        self.K, self.M = self.G.T @ self.G, B @ B.T / N + 0.1 * np.eye(N)
+        self.K = self.G.T @ self.G
+        self.M = B @ B.T / N + 0.1 * np.eye(N)
         self.clamped = CLAMPED if clamped else CLAMPED[:0]
         self.V = np.setdiff1d(np.arange(N), self.clamped)
         inner = np.ix_(self.V, self.V)
@@ -76,7 +80,8 @@ def exact(A, load, u_D, g, clamped):
         active = CONTACT[[bool(number & 1), bool(number & 2)]]
         known = np.concatenate([clamped, active])
         u = np.zeros(N)
-        u[clamped], u[active] = u_D, g[active - CONTACT[0]]
+        u[clamped] = u_D
+        u[active] = g[active - CONTACT[0]]
         rest = np.setdiff1d(np.arange(N), known)
         u[rest] = np.linalg.solve(A[np.ix_(rest, rest)], load[rest] - A[np.ix_(rest, known)] @ u[known])
         multiplier = A @ u - load
@@ -93,10 +98,13 @@ class Trial:
         space = Space(rng, clamped)
         c = 0.0 if clamped and rng.random() < 0.4 else 10 ** rng.uniform(-4, 4)
         self.form = Form(10 ** rng.uniform(-2, 2), c, (0,) * clamped, friedrichs=space.friedrichs)
-        A, load = space.matrix(self.form), rng.normal(size=N)
-        u_D, g = rng.normal(size=len(space.clamped)), 0.5 * rng.normal(size=2)
+        A = space.matrix(self.form)
+        load = rng.normal(size=N)
+        u_D = rng.normal(size=len(space.clamped))
+        g = 0.5 * rng.normal(size=2)
         self.u, self.multiplier = exact(A, load, u_D, g, space.clamped)
-        self.space, self.A = space, A
+        self.space = space
+        self.A = A
 
         # q.n on clamped sides and in contact, sigma >= 0 there; q is that of a third function, or of u_h = v
         near = 10 ** rng.uniform(-6, 1)
@@ -126,23 +134,27 @@ class Trial:
         if same:
             q = self.form.k * space.G @ v
             self.sigma[CONTACT] *= v[CONTACT] <= g
-        slack, slack_of_v = (float(self.sigma[CONTACT] @ (w[CONTACT] - g)) for w in (feasible, v))
+        slack = float(self.sigma[CONTACT] @ (feasible[CONTACT] - g))
+        slack_of_v = float(self.sigma[CONTACT] @ (v[CONTACT] - g))
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
         self.parts_of_v = residual(v)
-        self.of_u = defect(residual(self.u_h), 0.0, slack)
-        self.of_v = defect(self.parts_of_v, 0.0, slack_of_v)
-        self.D, self.D_clamped = (math.sqrt(w @ A @ w) for w in (y, y_D))
+        self.of_u = bound_residual(residual(self.u_h), 0.0, slack)
+        self.of_v = bound_residual(self.parts_of_v, 0.0, slack_of_v)
+        self.D = math.sqrt(y @ A @ y)
+        self.D_clamped = math.sqrt(y_D @ A @ y_D)
         self.gap = float((v[CONTACT] - g).min())
         self.v = v
 
     def bounds(self, **others):
-        given = {"of_u": self.of_u, "of_v": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
-        return total_errors(1.0, **given, of_sigma=0.0)
+        given = {"u_residual": self.of_u, "v_residual": self.of_v, "D": self.D, "D_clamped": self.D_clamped}
+        given |= others
+        return bound_total_errors(1.0, **given, sigma_distance=0.0)
 
     def errors(self):
         """X, Y on V, the norm of j in N, and the largest gamma <lambda, w>."""
-        V, e = self.space.V, self.u - self.u_h
+        V = self.space.V
+        e = self.u - self.u_h
         j = self.multiplier - self.sigma
         Y = dual_norm(self.A[np.ix_(V, V)], j[V])
         N_norm = self.form._replace(c=max(self.form.c, self.form.k / self.form.friedrichs**2))
@@ -159,8 +171,9 @@ def violations(trials, bounds=Trial.bounds):
     """(4,) how often u, lambda_, fluxes and product are below the error, by more than rounding."""
     found = np.zeros(4, dtype=int)
     for trial in trials:
-        result, energy = bounds(trial), 1 + trial.u @ trial.A @ trial.u
-        stated = np.array([result.u, result.lambda_, result.fluxes, result.product])
+        result = bounds(trial)
+        energy = 1 + trial.u @ trial.A @ trial.u
+        stated = np.array([result.u, result.lambda_, result.reaction_bound, result.gamma_force_bound])
         rounding = 1e-9 * np.array([math.sqrt(energy)] * 3 + [energy])
         found += trial.errors() > stated + rounding
     return found
@@ -173,7 +186,7 @@ def test_no_error_is_larger_than_its_bound(trials):
 
 
 def without_slack(trial):
-    return trial.bounds(of_u=trial.of_u._replace(slack=0.0), of_v=trial.of_v._replace(slack=0.0))
+    return trial.bounds(u_residual=trial.of_u._replace(B=0.0), v_residual=trial.of_v._replace(B=0.0))
 
 
 @pytest.mark.parametrize(
@@ -195,13 +208,14 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
     """v is a function without a residual on V, plus one of which the norm is known, or not even that."""
 
     def bounds(trial):
-        own, V = trial.parts_of_v, trial.space.V
+        own = trial.parts_of_v
+        V = trial.space.V
         w = np.zeros(N)
         w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], own.functional()[V])
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
         missing = known * math.sqrt(w @ trial.A @ w)
-        return trial.bounds(of_v=defect(parts, missing, trial.of_v.slack))
+        return trial.bounds(v_residual=bound_residual(parts, missing, trial.of_v.B))
 
     assert violations(trials, bounds).any() == wrong
 
@@ -211,18 +225,18 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     trial = trials[1]
     before = np.array(trial.bounds())
     given = trial.of_u, trial.of_v, trial.D, trial.D_clamped
-    grown = total_errors(1.5, *given, of_sigma=0.0)
+    grown = bound_total_errors(1.5, *given, sigma_distance=0.0)
     assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
-    after = total_errors(1.5, *given, of_sigma=2.0)
+    after = bound_total_errors(1.5, *given, sigma_distance=2.0)
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
 
 
 def test_a_small_residual_is_not_lost_beside_y():
     """X^2 = S^2 + D^2 - (D - eta)^2 with 50 digits: D = 1, S = 1e-6, eta from 1e-3 to 1e-15."""
     for eta in (1e-3, 1e-9, 1e-12, 1e-15):
-        of_u = Defect(1e-6, 1e-6, math.inf, math.inf, math.inf, missing=0.0, slack=0.0)
-        of_v = of_u._replace(on_H1=eta, on_V=eta)
-        X = total_errors(1.0, of_u, of_v, D=1.0, D_clamped=0.0, of_sigma=0.0).u
+        of_u = ResidualBounds(1e-6, 1e-6, math.inf, math.inf, math.inf, missing_norm=0.0, B=0.0)
+        of_v = of_u._replace(S_1=eta, S=eta)
+        X = bound_total_errors(1.0, of_u, of_v, D=1.0, D_clamped=0.0, sigma_distance=0.0).u
         with mpmath.workdps(50):
             exact = mpmath.sqrt(mpmath.mpf(1e-6) ** 2 + 1 - (1 - mpmath.mpf(eta)) ** 2)
             assert exact <= X <= exact * (1 + 1e-8)

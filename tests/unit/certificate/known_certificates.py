@@ -13,7 +13,8 @@ CHECKER = ROOT / "certificate/check.py"
 OPPOSITE = ((1, 2), (2, 0), (0, 1))
 """The ends of the edges of a triangle in the order in which the format mentions them."""
 X_GAUSS, W_GAUSS = np.polynomial.legendre.leggauss(5)
-X_GAUSS, W_GAUSS = (X_GAUSS + 1) / 2, W_GAUSS / 2
+X_GAUSS = (X_GAUSS + 1) / 2
+W_GAUSS = W_GAUSS / 2
 
 
 def checker(*edits):
@@ -80,10 +81,12 @@ def edge_values(triangles, points, field):
 
     Of a quadratic function with the values a, m, b that has the mean (a + 4 m + b) / 6 and the slope b - a.
     """
-    values, mentioned = [], set()
+    values = []
+    mentioned = set()
     for triangle in triangles:
         for i, j in OPPOSITE:
-            first, last = triangle[i], triangle[j]
+            first = triangle[i]
+            last = triangle[j]
             if (last, first) not in mentioned:
                 mentioned.add((first, last))
                 ends = points[first], points[last]
@@ -188,11 +191,14 @@ def fan(polygon, centre, n):
 def true_error(certificate, u):
     """|||u - v||| on the certificate's own mesh, by a rule that is exact for polynomials u up to degree 4."""
     problem = certificate["problem"]
-    k, c = float(Fraction(problem["k"])), float(Fraction(problem["c"]))
+    k = float(Fraction(problem["k"]))
+    c = float(Fraction(problem["c"]))
     points = np.array([[float(z) for z in point] for point in nodes(certificate)])
     triangles = np.array(certificate["mesh"]["triangles"])
-    corners, v = points[triangles], np.array(certificate["v"], dtype=float)[triangles]
-    along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    corners = points[triangles]
+    v = np.array(certificate["v"], dtype=float)[triangles]
+    along = corners[:, 1] - corners[:, 0]
+    across = corners[:, 2] - corners[:, 0]
     twice = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
     slope_x = ((v[:, 1] - v[:, 0]) * across[:, 1] - (v[:, 2] - v[:, 0]) * along[:, 1]) / twice
     slope_y = ((v[:, 2] - v[:, 0]) * along[:, 0] - (v[:, 1] - v[:, 0]) * across[:, 0]) / twice
@@ -200,7 +206,8 @@ def true_error(certificate, u):
     for s, weight_s in zip(X_GAUSS, W_GAUSS, strict=True):
         for t, weight_t in zip(X_GAUSS, W_GAUSS, strict=True):
             # the square (s, t) is mapped to the triangle by (s, t (1 - s))
-            second, third = s, t * (1 - s)
+            second = s
+            third = t * (1 - s)
             x, y = (corners[:, 0] + second * along + third * across).T
             v_here = v[:, 0] + second * (v[:, 1] - v[:, 0]) + third * (v[:, 2] - v[:, 0])
             slopes = (value(derivative(u, 0), x, y) - slope_x) ** 2

@@ -5,7 +5,8 @@ from random import Random
 
 from recomputed import doubled_area, normal, number_edges, place_nodes
 
-POWERS, TINY = (-3, 0, 0, 1, 2, 4, 8), -30
+POWERS = (-3, 0, 0, 1, 2, 4, 8)
+TINY = -30
 """c is drawn between 1/7 and 50/7, then multiplied by a power of ten: also by a tiny one if there is b."""
 POLYGONS = (
     "0 0, 1 0, 1 1, 0 1",
@@ -20,7 +21,8 @@ TRIANGLE = 1  # the polygon for which a field b is known: its first side may be 
 
 def cut_ears(random, nodes, ring):
     """Triangles without nodes inside, with up to three edges at the boundary; None at a dead end."""
-    ring, triangles = list(ring), []
+    ring = list(ring)
+    triangles = []
     while len(ring) > 2:
         ears = []
         for n in range(len(ring)):

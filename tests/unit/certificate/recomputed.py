@@ -76,7 +76,8 @@ def doubled_area(a, b, c):
 
 def integral(z, corners):
     """Over a triangle: the integral of x^i y^j over the reference triangle is i! j!/(i + j + 2)!."""
-    X, Y = (affine(*[corner[axis] for corner in corners]) for axis in (0, 1))
+    X = affine(*[corner[0] for corner in corners])
+    Y = affine(*[corner[1] for corner in corners])
     moments = [
         c * Fraction(math.factorial(i) * math.factorial(j), math.factorial(i + j + 2))
         for (i, j), c in substitute(z, X, Y).items()
@@ -101,7 +102,8 @@ def hat_functions(corners):
     hats = []
     for i, j in EDGES:
         # linear, 0 at the corners i and j
-        a, b = corners[i], corners[j]
+        a = corners[i]
+        b = corners[j]
         n = normal(b, a)
         z = {(0, 0): -n[0] * a[0] - n[1] * a[1], (1, 0): n[0], (0, 1): n[1]}
         hats.append(times(1 / doubled_area(*corners), z))
@@ -111,9 +113,11 @@ def hat_functions(corners):
 def place_nodes(stated):
     """All nodes, and for each of those on the boundary its side."""
     polygon = [tuple(map(Fraction, corner)) for corner in stated["problem"]["polygon"]]
-    nodes, side = [], []
+    nodes = []
+    side = []
     for number, places in enumerate(stated["mesh"]["boundary"]):
-        a, b = polygon[number], polygon[(number + 1) % len(polygon)]
+        a = polygon[number]
+        b = polygon[(number + 1) % len(polygon)]
         for place in places:
             nodes.append(tuple(p + Fraction(place) * (q - p) for p, q in zip(a, b, strict=True)))
             side.append(number)
@@ -142,8 +146,11 @@ class Recomputed:
     """
 
     def __init__(self, stated):
-        problem, self.stated = stated["problem"], stated
-        self.k, self.c, self.f = Fraction(problem["k"]), Fraction(problem["c"]), read_polynomial(problem["f"])
+        problem = stated["problem"]
+        self.stated = stated
+        self.k = Fraction(problem["k"])
+        self.c = Fraction(problem["c"])
+        self.f = read_polynomial(problem["f"])
         self.sides = [(kind, read_polynomial(g)) for side in problem["sides"] for kind, g in side.items()]
         self.nodes, self.side = place_nodes(stated)
         self.triangles = stated["mesh"]["triangles"]
@@ -162,7 +169,8 @@ class Recomputed:
         for i, j in self.boundary:
             kind, data = self.sides[self.side[i]]
             if kind == "clamped":
-                a, b = self.nodes[i], self.nodes[j]
+                a = self.nodes[i]
+                b = self.nodes[j]
                 trace |= {i: value(data, a), j: value(data, b), (i, j): value(data, middle(a, b))}
         return trace
 
@@ -175,9 +183,12 @@ class Recomputed:
 
     def vector_field(self, name, triangle, hats):
         """The linear field with the given outflows: at each corner two equations for two components."""
-        first, second = {}, {}
+        first = {}
+        second = {}
         for m in range(3):
-            corner, after, before = (triangle[(m + step) % 3] for step in range(3))
+            corner = triangle[(m + 0) % 3]
+            after = triangle[(m + 1) % 3]
+            before = triangle[(m + 2) % 3]
             a, b = normal(self.nodes[before], self.nodes[corner])
             c, d = normal(self.nodes[corner], self.nodes[after])
             r = self.outflow(name, before, corner, corner)
@@ -192,7 +203,8 @@ class Recomputed:
         at = {i: self.trace.get(i, v[i]) - v[i] for i in triangle}
         y = {}
         for m, (i, j) in enumerate(EDGES):
-            a, b = triangle[i], triangle[j]
+            a = triangle[i]
+            b = triangle[j]
             linear = (at[a] + at[b]) / 2
             at_middle = self.trace[a, b] - (v[a] + v[b]) / 2 if (a, b) in self.trace else linear
             corner_shape = total(times(2, product(hats[m], hats[m])), times(-1, hats[m]))
@@ -212,11 +224,14 @@ class Recomputed:
         mean = integral(rho, corners) / area
         rest = total(rho, times(-mean, ONE))
         diameter = decimal(max(length2(corners[i], corners[j]) for i, j in EDGES)).sqrt()
-        b, ratio = diameter / J, decimal(self.c / self.k)
-        m, o = (decimal(integral(each, corners)).sqrt() for each in (square(misfit), product(rest, rest)))
+        b = diameter / J
+        ratio = decimal(self.c / self.k)
+        m = decimal(integral(square(misfit), corners)).sqrt()
+        o = decimal(integral(product(rest, rest), corners)).sqrt()
         theta = (o - ratio * b * m) / (o * (1 + ratio * b**2)) if o else Decimal(0)
         theta = max((theta * 2**20).to_integral_value(), Decimal(0)) / 2**20
-        A2, M2 = (m + theta * b * o) ** 2, decimal(mean**2 * area) + ((1 - theta) * o) ** 2
+        A2 = (m + theta * b * o) ** 2
+        M2 = decimal(mean**2 * area) + ((1 - theta) * o) ** 2
         if self.c == 0:
             return A2, M2, Decimal(0)
         energy2 = A2 / decimal(self.k) + M2 / decimal(self.c)
@@ -232,14 +247,18 @@ class Recomputed:
         d2 = max(length2(corners[i], corners[j]) for i, j in EDGES)
         if self.c * d2 <= self.k or any(coefficient for (i, j), coefficient in z.items() if i + j > 1):
             return Decimal("inf")
-        k, c, area = decimal(self.k), decimal(self.c), integral(ONE, corners)
+        k = decimal(self.k)
+        c = decimal(self.c)
+        area = integral(ONE, corners)
         rest = total(self.f, times(-self.c, z))
         field = [total(p[axis], times(-self.k, gradient(z)[axis])) for axis in (0, 1)]
         weights = []
         for i, j in EDGES:
             # |e| ||b_e||_e^2 is the integral over s in [0, 1] of the square of what field has along |e| n
-            a, b = corners[i], corners[j]
-            X, Y = ({(0, 0): a[axis], (1, 0): b[axis] - a[axis]} for axis in (0, 1))
+            a = corners[i]
+            b = corners[j]
+            X = {(0, 0): a[0], (1, 0): b[0] - a[0]}
+            Y = {(0, 0): a[1], (1, 0): b[1] - a[1]}
             through = total(*[times(n, part) for n, part in zip(normal(a, b), field, strict=True)])
             density = square([substitute(through, X, Y)])
             weights.append(decimal(sum(q / (power + 1) for (power, _), q in density.items()) / area).sqrt())
@@ -252,8 +271,12 @@ class Recomputed:
         return (decimal(integral(product(rest, rest), corners) / self.c).sqrt() + G * a) ** 2
 
     def bounds(self):
-        k, c, field = decimal(self.k), decimal(self.c), "field" in self.stated
-        D2, b2, sums = Fraction(0), Fraction(0), [Decimal(0)] * 6
+        k = decimal(self.k)
+        c = decimal(self.c)
+        field = "field" in self.stated
+        D2 = Fraction(0)
+        b2 = Fraction(0)
+        sums = [Decimal(0)] * 6
         for triangle in self.triangles:
             corners = [self.nodes[i] for i in triangle]
             hats = hat_functions(corners)
@@ -289,7 +312,9 @@ class Recomputed:
 
     def contact_sides(self):
         """<p.n, v + y - g>, integrated over s in [0, 1] along each edge."""
-        B, s, rest = Fraction(0), {(1, 0): Fraction(1)}, {(0, 0): Fraction(1), (1, 0): Fraction(-1)}
+        B = Fraction(0)
+        s = {(1, 0): Fraction(1)}
+        rest = {(0, 0): Fraction(1), (1, 0): Fraction(-1)}
         for i, j, g, (first, last) in self.edges_of("contact"):
             trace = total(
                 times(self.trace[i], product(rest, total(rest, times(-1, s)))),
@@ -306,10 +331,13 @@ class Recomputed:
 
     def free_sides(self, C):
         """(3 sum |e|/|T| ||t - p.n||_e^2 (C^2 + d C/k^(1/2)))^(1/2)."""
-        flux2, d2 = Decimal(0), Fraction(0)
+        flux2 = Decimal(0)
+        d2 = Fraction(0)
         for i, j, t, (first, last) in self.edges_of("free"):
             triangle = next(T for T in self.triangles if (i, j) in [(T[m], T[n]) for m, n in EDGES])
-            corners, a, b = [self.nodes[m] for m in triangle], self.nodes[i], self.nodes[j]
+            corners = [self.nodes[m] for m in triangle]
+            a = self.nodes[i]
+            b = self.nodes[j]
             d2 = max(d2, *[length2(corners[m], corners[n]) for m, n in EDGES])
             length = decimal(length2(a, b)).sqrt()
             # |t - p.n| is at most the largest of its coefficients in Bernstein's basis

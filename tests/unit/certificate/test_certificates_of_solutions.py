@@ -23,7 +23,7 @@ from test_exact_mesh import FAR, OTHERS
 import unilateral as ul
 from unilateral.certificates.statement import has_formulas
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 PENTAGON = [(0, 0), (2, 0), (2, 1), (1, 1.5), (-1 / 3, 0.8)]
@@ -48,8 +48,9 @@ def example(name, **sizes):
 
 def on_own_mesh():
     """Nodes inside are moved at random by at most a quarter of h."""
-    mesh = structured(square(), 1 / 8)
-    points, inside = mesh.points.copy(), np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    mesh = make_structured_mesh(square(), 1 / 8)
+    points = mesh.points.copy()
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     points[inside] += np.random.default_rng(3).uniform(-1 / 32, 1 / 32, (len(inside), 2))
     problem = ul.Problem(SQUARE, f="3*x - 2*y - 1", g="x*y/4")
     return ul.solve(problem, mesh=ul.mesh(points, mesh.triangles), H=1 / 4)
@@ -192,7 +193,8 @@ def checked(tmp_path_factory):
 
     @cache
     def checked(name):
-        solution, path = (SOLUTIONS | EXTREMES)[name](), folder / f"{name}.json.gz"
+        solution = (SOLUTIONS | EXTREMES)[name]()
+        path = folder / f"{name}.json.gz"
         solution.save_certificate(path)
         stated = json.loads(gzip.decompress(path.read_bytes()))
         return Checked(solution, stated, *bounds_of(stated))
@@ -209,7 +211,8 @@ def bounds_of(stated):
 @pytest.mark.parametrize("name", SOLUTIONS)
 def test_the_bounds_are_those_of_the_project(name, checked):
     """At most 3 % apart, for these problems have little oscillation."""
-    proved, bounds = checked(name), checked(name).solution.bounds
+    proved = checked(name)
+    bounds = checked(name).solution.bounds
     assert float(proved.u) == pytest.approx(bounds.u, rel=0.03)
     assert proved.multiplier <= 1.03 * bounds.multiplier
     assert proved.multiplier >= 0.97 * bounds.multiplier or name in CELLS_CUT_EDGES
@@ -218,7 +221,8 @@ def test_the_bounds_are_those_of_the_project(name, checked):
 def test_a_problem_without_contact_has_a_certificate(tmp_path):
     """All sides are clamped; there is no multiplier to compare."""
     problem = ul.Problem(SQUARE, f="x", u=dict.fromkeys(range(4), "x*y"))
-    solution, path = ul.solve(problem, h=1 / 8, H=1 / 4), tmp_path / "linear.json"
+    solution = ul.solve(problem, h=1 / 8, H=1 / 4)
+    path = tmp_path / "linear.json"
     solution.save_certificate(path)
     u, _ = bounds_of(json.loads(path.read_text(encoding="utf-8")))
     assert float(u) == pytest.approx(solution.bounds.u, rel=0.03)
@@ -227,7 +231,8 @@ def test_a_problem_without_contact_has_a_certificate(tmp_path):
 @pytest.mark.parametrize("name", PROVED)
 def test_the_check_proves_the_numbers_of_the_project(name, checked):
     """Up to 1e-4 of them, which leaves room for other polynomials in the place of f and g."""
-    proved, bounds = checked(name), checked(name).solution.bounds
+    proved = checked(name)
+    bounds = checked(name).solution.bounds
     assert proved.u <= 1.0001 * bounds.u
     assert proved.multiplier <= 1.0001 * bounds.multiplier
 
@@ -235,7 +240,9 @@ def test_the_check_proves_the_numbers_of_the_project(name, checked):
 @pytest.mark.parametrize("name", EXTREMES)
 def test_so_it_does_for_all_ratios_of_c_and_k(name, checked):
     """The multiplier of layers is bounded by less than what the project says."""
-    proved, bounds, more = checked(name), checked(name).solution.bounds, REST_OF_FORMULA.get(name, 0)
+    proved = checked(name)
+    bounds = checked(name).solution.bounds
+    more = REST_OF_FORMULA.get(name, 0)
     assert 0.97 * bounds.u <= proved.u <= 1.0001 * bounds.u + more
     if not name.startswith("clamped"):
         assert proved.multiplier <= 1.0001 * bounds.multiplier + more
@@ -259,7 +266,8 @@ def test_it_needs_each_of_its_bounds(name, text, replacement, checked):
 @pytest.mark.parametrize("name", POLYGONS)
 def test_so_it_does_on_polygons_where_nodes_are_rounded(name, tmp_path):
     """u = x is linear: the bounds are what rounding may do, and the field for c = 0 has little room."""
-    mesh, path = POLYGONS[name](), tmp_path / "linear.json"
+    mesh = POLYGONS[name]()
+    path = tmp_path / "linear.json"
     problem = ul.Problem(mesh.polygon, f=0, u=dict.fromkeys(range(mesh.polygon.n_sides), "x"), c=0)
     solution = ul.solve(problem, mesh=mesh, H=float(mesh.polygon.lengths.max()))
     solution.save_certificate(path)

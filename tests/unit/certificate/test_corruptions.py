@@ -64,7 +64,8 @@ def full_contact():
 
 def gaps():
     """u = x^2 touches g at x = 1, and is 1 above it on the other sides, where du/dn = 0; k = 2, c = 1/3."""
-    u, below = polynomial(xx=1), polynomial(xx=1, one=-1)
+    u = polynomial(xx=1)
+    below = polynomial(xx=1, one=-1)
     sides = [("contact", below), ("contact", u), ("contact", below), ("contact", below)]
     mesh = fan(SQUARE, (Fraction(1, 2), Fraction(5, 8)), 3)
     load = polynomial(one=-4, xx="1/3")
@@ -145,7 +146,8 @@ def shuffle(name):
 
 def exchange_values(name):
     def change(stated, rng):
-        i, j = place_in(stated[name], rng), place_in(stated[name], rng)
+        i = place_in(stated[name], rng)
+        j = place_in(stated[name], rng)
         stated[name][i], stated[name][j] = stated[name][j], stated[name][i]
 
     return change
@@ -164,7 +166,8 @@ def change_length(name):
 def add_function(stated, rng):
     """A harmonic w is added to some of v and v + y, and k grad w to p. With all three, f + c w is solved."""
     w = rng.choice(HARMONIC)
-    amount, points = Fraction(size(rng)), nodes(stated)
+    amount = Fraction(size(rng))
+    points = nodes(stated)
     slopes = derivative(w, 0), derivative(w, 1)
     k = Fraction(stated["problem"]["k"])
     rim = points[: len(stated["trace"]) // 2]
@@ -322,7 +325,9 @@ def judge(run):
     """
 
     def judge(module, make):
-        rng, counts, least = random.Random(46), Counter(), math.inf
+        rng = random.Random(46)
+        counts = Counter()
+        least = math.inf
         stated, u = make()
         original = stated_problem(run(module, stated)[1])
         text = json.dumps(stated)
@@ -339,7 +344,8 @@ def judge(run):
                 counts["accepted"] += 1
                 index = float(printed_bound(output)) / true_error(stated, u)
                 if index < least:
-                    text, least = json.dumps(stated), index
+                    text = json.dumps(stated)
+                    least = index
                 if least < 1 - ROUNDING:
                     break
         return counts, least
@@ -370,11 +376,14 @@ def test_a_spoilt_checker_is_exposed(make, part, judge):
 def test_spoilt_bytes_are_refused_or_the_bound_holds(ending, run):
     """One byte of the file is another one, or its end is missing. Bytes that are not read have no effect."""
     stated, u = gaps()
-    whole, rng, module = json.dumps(stated).encode(), random.Random(47), checker()
+    whole = json.dumps(stated).encode()
+    rng = random.Random(47)
+    module = checker()
     whole = gzip.compress(whole, mtime=0) if ending == ".json.gz" else whole
     codes = Counter()
     for _ in range(80):
-        spoilt, place = bytearray(whole), rng.randrange(len(whole))
+        spoilt = bytearray(whole)
+        place = rng.randrange(len(whole))
         spoilt[place] = rng.choice(b'0123456789-.,:[]{}"e x\xff')
         code, output = run(module, bytes(spoilt[: rng.choice([len(whole), len(whole), place])]), ending)
         codes[code] += 1

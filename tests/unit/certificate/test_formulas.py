@@ -54,7 +54,8 @@ cf = load_checker()
 @pytest.fixture(autouse=True)
 def precise_balls():
     """The radii of balls are far below 2^-100, the unit of the checker."""
-    precision, ctx.prec = ctx.prec, 400
+    precision = ctx.prec
+    ctx.prec = 400
     yield
     ctx.prec = precision
 
@@ -114,7 +115,8 @@ def rule_on_triangle():
 
 def distance_in_mean_square(exact, corners, D, values):
     """The root mean square, on a triangle, of what f is off the quadratic function with these values."""
-    square, values = 0.0, [ball(value) for value in values]
+    square = 0.0
+    values = [ball(value) for value in values]
     for weight, place, basis in rule_on_triangle():
         x = sum(z * corner[0] for z, corner in zip(place, corners, strict=True)) / D
         y = sum(z * corner[1] for z, corner in zip(place, corners, strict=True)) / D
@@ -126,7 +128,9 @@ def distance_in_mean_square(exact, corners, D, values):
 def count_outside(text, exact, points=6):
     """On how many random triangles, and at how many points of edges, f is outside its bounds."""
     rng = random.Random(1)
-    formula, triangles, edges = cf.Formula(text), 0, 0
+    formula = cf.Formula(text)
+    triangles = 0
+    edges = 0
     for corners, D in random_triangles(rng):
         values, unit, doubt = formula.on_triangle(doubled_with_midpoints(corners), 2 * D)
         off = distance_in_mean_square(exact, corners, D, [Q(value, unit) for value in values])
@@ -138,7 +142,8 @@ def count_outside(text, exact, points=6):
             x, y = (a + s * (b - a) for a, b in zip(*ends, strict=True))
             # Bernstein's polynomials are not negative: the ends of the coefficients give the bounds at s
             bernstein = ((1 - s) ** 2, 2 * s * (1 - s), s * s)
-            lower, upper = (sum(b * z[i] for b, z in zip(bernstein, bounds, strict=True)) for i in (0, 1))
+            lower = sum(b * z[0] for b, z in zip(bernstein, bounds, strict=True))
+            upper = sum(b * z[1] for b, z in zip(bernstein, bounds, strict=True))
             edges += not between(lower, exact(ball(x), ball(y)), upper)
     return triangles, edges
 
@@ -175,7 +180,8 @@ def test_remainders_at_one_point_only_do_not_suffice(monkeypatch):
 @pytest.mark.parametrize(("i", "j"), cf.ROOT_MEAN_SQUARES)
 def test_mean_squares_on_a_triangle(i, j):
     """By sympy's integrals over the triangle: rounded up to four digits."""
-    u, v = (sympy.Symbol(name) - sympy.Rational(1, 3) for name in ("xi", "eta"))
+    u = sympy.Symbol("xi") - sympy.Rational(1, 3)
+    v = sympy.Symbol("eta") - sympy.Rational(1, 3)
     xi, eta = sympy.symbols("xi eta")
     mean = 2 * sympy.integrate((u**i * v**j) ** 2, (eta, 0, 1 - xi), (xi, 0, 1))
     assert math.ceil(10**4 * math.sqrt(mean)) == cf.ROOT_MEAN_SQUARES[i, j]
@@ -203,7 +209,8 @@ def taylor_coefficients(name, x):
     if name in POWERS:
         series = t ** int(name) if Q(name).denominator == 1 else (t.log() * ball(Q(name))).exp()
     elif name in ("sinh", "cosh", "tanh"):
-        sinh, cosh = (t.exp() - (-t).exp()) / 2, (t.exp() + (-t).exp()) / 2
+        sinh = (t.exp() - (-t).exp()) / 2
+        cosh = (t.exp() + (-t).exp()) / 2
         series = {"sinh": sinh, "cosh": cosh, "tanh": sinh / cosh}[name]
     else:
         series = getattr(t, name)()
@@ -294,7 +301,8 @@ def test_quadratic_polynomials_are_exact(text):
     values, unit, doubt = cf.Formula(text).on_triangle(points, 6)
     assert [Q(value, unit) for value in values] == [POLYNOMIALS[text](Q(x, 6), Q(y, 6)) for x, y in points]
     assert doubt == 0
-    start, end = [Q(1, 3), Q(2)], [Q(5), Q(-1, 7)]
+    start = [Q(1, 3), Q(2)]
+    end = [Q(5), Q(-1, 7)]
     bounds = cf.Formula(text).on_edge(start, end)
     assert all(lower == upper for lower, upper in bounds)
     (first, _), (bend, _), (last, _) = bounds
@@ -319,7 +327,8 @@ LISTS = [[], [[0, 0, "-2/3"]], [[1, 0, "1/2"], [1, 1, "-3"]], [[2, 1, "1"], [0, 
 @pytest.mark.parametrize("terms", LISTS, ids=str)
 def test_lists_of_terms_are_read_as_by_the_other_checker(terms):
     edge = [Q(1, 3), Q(0)], [Q(1, 3), Q(1)]
-    polynomial, formula = cf.Polynomial(terms), cf.Formula(terms)
+    polynomial = cf.Polynomial(terms)
+    formula = cf.Formula(terms)
     assert formula.on_edge(*edge) == polynomial.on_edge(*edge)
     assert str(formula) == str(polynomial)
     points = doubled_with_midpoints(TRIANGLE)
@@ -416,7 +425,8 @@ NOT_DEFINED = {
 @pytest.mark.parametrize("text", NOT_DEFINED)
 def test_formulas_are_refused_where_they_may_not_be_smooth_or_are_huge(text):
     """The triangle and the edge contain points with x = 1."""
-    formula, message = cf.Formula(text), re.escape(f"{text}: ") + ".*" + re.escape(NOT_DEFINED[text])
+    formula = cf.Formula(text)
+    message = re.escape(f"{text}: ") + ".*" + re.escape(NOT_DEFINED[text])
     with pytest.raises(cf.Refused, match=message):
         formula.on_triangle(doubled_with_midpoints(TRIANGLE), 6)
     with pytest.raises(cf.Refused, match=message):

@@ -27,7 +27,8 @@ import pytest
 from known_certificates import certificate, checker, polynomial, value, written
 
 GENUINE = checker()
-RIGHT, LEFT = 1, 3
+RIGHT = 1
+LEFT = 3
 """Sides of a rectangle: side 0 is the bottom."""
 NOTHING = polynomial()
 
@@ -101,7 +102,8 @@ def hole():
     """
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     inside = [(0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75)]
-    triangles, flux = [], []
+    triangles = []
+    flux = []
     for i in range(4):
         j = (i + 1) % 4
         # A triangle at the boundary, of area 1/8, and one at the hole, of area 1/16; div p = -1 on both
@@ -114,7 +116,8 @@ def hole():
     mentioned = set()
     for triangle in triangles:
         for i, j in ((1, 2), (2, 0), (0, 1)):
-            first, last = triangle[i], triangle[j]
+            first = triangle[i]
+            last = triangle[j]
             if (last, first) not in mentioned:
                 mentioned.add((first, last))
                 flux += [outflow.get((first, last), 0.0) / 2] * 2
@@ -223,7 +226,8 @@ def needle():
 
 def soft_pull_with_reaction():
     """k = t = 1/64 at x = 1, and f = c x, so that u = x; v = 0. S^2 = |||u|||^2 = k + c/3."""
-    k, c = Fraction(1, 64), Fraction(1, 1000)
+    k = Fraction(1, 64)
+    c = Fraction(1, 1000)
     pulled = {LEFT: clamped(), RIGHT: free(one=k)}
     return rectangle(pulled, f=polynomial(x=c), k=k, c=c, p=lambda x, y: (k, 0), field=None)
 
@@ -253,7 +257,8 @@ def small_triangle(side, **rest):
 
     Let R be the residual of v = 0. If |R(1)| = r, then its norm is at least r/|||1||| = r/(6 c)^(1/2).
     """
-    corners, flux = [(0, 0), (4, 0), (0, 3)], [5, 5, 3, 3, 4, 4]
+    corners = [(0, 0), (4, 0), (0, 3)]
+    flux = [5, 5, 3, 3, 4, 4]
     return certificate(corners, [side] * 3, c=Fraction(1, 20), triangles=[(0, 1, 2)], p=flux, **rest)
 
 

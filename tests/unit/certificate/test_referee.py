@@ -176,7 +176,8 @@ def test_each_of_the_bounds_is_the_least_somewhere():
 )
 def test_the_comparison_notices_a_choice_that_is_not_made(text, replacement):
     """Control: some seed has another bound if the least one is not taken, or one where it is none."""
-    changed, changes = checker((text, replacement)), []
+    changed = checker((text, replacement))
+    changes = []
     for seed in SEEDS:
         stated = random_certificate(seed)
         pairs = zip(changed.Certificate(stated).bounds(), check.Certificate(stated).bounds(), strict=True)

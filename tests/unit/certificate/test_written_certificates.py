@@ -136,7 +136,8 @@ def test_functions_are_terms_where_the_checker_reads_them():
     stated = state_problem(ul.Problem(KITE, f="(x - 1/3)**2 - 0.1*y", g="x**2*y/8 + pi*x*0"))
     assert stated["f"] == [[0, 0, "1/9"], [0, 1, "-1/10"], [1, 0, "-2/3"], [2, 0, "1"]]
     kinds = [data for side in stated["sides"] for data in side.values()]
-    terms, text = [[2, 1, "1/8"]], "x**2*y/8"
+    terms = [[2, 1, "1/8"]]
+    text = "x**2*y/8"
     # of degree 0 on the bottom, and of degree 3 along each slanted side
     assert kinds == [terms, text, text, text]
     assert state_problem(ul.Problem(SQUARE, f="x**3 - 9", g=0))["f"] == "x**3 - 9"
@@ -144,7 +145,8 @@ def test_functions_are_terms_where_the_checker_reads_them():
 
 
 def test_formulas_need_the_other_checker():
-    shelter, shelf = (ul.load(EXAMPLES / f"{name}.yaml") for name in ("shelter", "shelf"))
+    shelter = ul.load(EXAMPLES / "shelter.yaml")
+    shelf = ul.load(EXAMPLES / "shelf.yaml")
     assert has_formulas(state_problem(shelter))
     assert not has_formulas(state_problem(shelf))
 
@@ -159,7 +161,8 @@ def test_vertices_are_the_simplest_fractions_that_round_to_them():
 
 def line_through(side, start, end):
     """sin(3 x) exp(y) on a part of a side of KITE, of t in [0, 1], to 30 digits."""
-    a, b = np.array(KITE)[side], np.array(KITE)[(side + 1) % 4]
+    a = np.array(KITE)[side]
+    b = np.array(KITE)[(side + 1) % 4]
 
     def g(t):
         x, y = (p + (q - p) * (start + (end - start) * t) for p, q in zip(a, b, strict=True))
@@ -176,7 +179,9 @@ def test_bounds_on_g_hold_and_leave_room_for_the_remainder(side, size):
     Let g''' be linear on an edge, and at most T. Then a half of its change is at most T, which counts twice,
     and T itself once, times INTERVALS: without higher terms the room is at most 4.5 times what is needed.
     """
-    problem, t, above = ul.Problem(KITE, f=-1, g="sin(3*x)*exp(y)"), np.linspace(0, 1, 21), []
+    problem = ul.Problem(KITE, f=-1, g="sin(3*x)*exp(y)")
+    t = np.linspace(0, 1, 21)
+    above = []
     for start in (0.0, 0.4, 1 - size):
         part = (np.array([z]) for z in (side, start, start + size))
         first, bend, last = obstacle_bounds(problem, *part)[:, 0]
@@ -248,7 +253,8 @@ def test_the_bytes_are_the_same_whenever_and_wherever_it_is_written(record, tmp_
 
 def test_nothing_half_written_remains(record, tmp_path, monkeypatch):
     """On a full disk the file that was there stays."""
-    path, whole = tmp_path / "c.json", Path.write_bytes
+    path = tmp_path / "c.json"
+    whole = Path.write_bytes
     path.write_text("before")
 
     def half(file, content):

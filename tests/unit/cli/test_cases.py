@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from conftest import CANTOR, ROOT, home, load
 
-from unilateral.exchange.case_formulas import module
-from unilateral.geometry.mesh import unstructured
+from unilateral.exchange.case_formulas import render_case_module
+from unilateral.geometry.mesh import make_unstructured_mesh
 from unilateral.problems import case as cases
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
-CLOSED = [name for name in cases.names() if name not in CANTOR]
+CLOSED = [name for name in cases.case_names() if name not in CANTOR]
 SHELTER = str(ROOT / "examples/shelter.yaml")
 
 
@@ -25,8 +25,8 @@ def of(name):
 def test_cases_lists_the_catalogue_with_its_certificates(run):
     code, out, err = run("cases")
     assert (code, err) == (0, "")
-    for name in cases.names():
-        declaration = cases.declared(name)[0]
+    for name in cases.case_names():
+        declaration = cases.read_case_declaration(name)[0]
         rows = [line.split() for line in out.splitlines() if line.startswith(f"{name} ")]
         on = ["square", "lshape", "hexagon"] if declaration["polygons"] == "any" else declaration["polygons"]
         assert [row[-1] for row in rows] == on
@@ -41,7 +41,7 @@ def test_json_has_every_case_on_every_polygon(run):
     code, out, err = run("cases", "--json")
     assert (code, err, out.count("\n")) == (0, "", 1)
     found = {each["name"]: each for each in json.loads(out)["cases"]}
-    assert list(found) == cases.names()
+    assert list(found) == cases.case_names()
     (natural,) = found["natural"]["polygons"]
     assert natural["hypotheses"] == {"j": True, "jj": True, "jjj": True}
     assert natural["g_regular"] is True
@@ -66,7 +66,7 @@ def test_one_case_as_text(run):
     assert "u - g in H^(3/2) on every side: no\n" in out
     assert "regularity: not u in H2, not u Lipschitz on the sides, lambda in L2, not lambda bounded" in out
     assert "proved rates: none" in out
-    elsewhere = cases.declared("singular")[0]["gap"]["elsewhere"]
+    elsewhere = cases.read_case_declaration("singular")[0]["gap"]["elsewhere"]
     assert f"contact none\n    g = u - ({elsewhere})\n    lambda = 0\n" in out
 
 
@@ -105,7 +105,7 @@ def with_ufl(monkeypatch, **names):
 def functions(kind, case):
     """u, f, grad_u, g and lambda_ of the module, all as functions of points (k, 2), the last two by side."""
     space = {}
-    exec(module(case, kind), space)
+    exec(render_case_module(case, kind), space)
 
     def called(name, *side):
         return lambda points: space[name](*side, *((points.T,) if kind == "ufl" else points.T))
@@ -124,8 +124,9 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     A sign, a branch of the angle or a coordinate that is another one would show by far more than rounding.
     """
     with_ufl(monkeypatch, **NUMPY_AS_UFL)
-    case, found = of(name), functions(kind, of(name))
-    mesh = unstructured(case.polygon, 1 / 5)
+    case = of(name)
+    found = functions(kind, of(name))
+    mesh = make_unstructured_mesh(case.polygon, 1 / 5)
     inside = mesh.points[mesh.triangles].mean(axis=1)
     u, gradient = case.value_and_gradient(inside)
     f = case.source(inside)
@@ -134,8 +135,10 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     np.testing.assert_allclose(found["f"](inside), f, rtol=1e-12, atol=1e-12 * np.abs(f).max())
     np.testing.assert_allclose(np.transpose(found["grad_u"](inside)), gradient, rtol=0, atol=1e-12 * size)
     for i, length in enumerate(case.polygon.lengths):
-        side, s = np.full(20, i), (np.arange(20) + 0.43) / 20 * length
-        (u, flux, gap), points = case.boundary(side, s), case.polygon.at(side, s)
+        side = np.full(20, i)
+        s = (np.arange(20) + 0.43) / 20 * length
+        (u, flux, gap) = case.trace_flux_and_gap(side, s)
+        points = case.polygon.at(side, s)
         np.testing.assert_allclose(found["g"][i](points), u - gap, rtol=0, atol=1e-12)
         np.testing.assert_allclose(found["lambda_"][i](points), flux, rtol=1e-9, atol=1e-12)
 
@@ -153,7 +156,8 @@ def test_python_that_is_printed_runs_as_it_is(run):
     """Constants, too, have the shape of the points: g - u of no_contact is -1 everywhere."""
     space = {}
     exec(run("cases", "no_contact", "--format", "python")[1], space)
-    x, y = np.array([[0.0, 0.25], [0.5, 1.0]]), np.zeros((2, 2))
+    x = np.array([[0.0, 0.25], [0.5, 1.0]])
+    y = np.zeros((2, 2))
     np.testing.assert_allclose(space["g"](0, x, y) - space["u"](x, y), -np.ones((2, 2)), rtol=1e-15)
     assert space["vertices"] == [[0, 0], [1, 0], [1, 1], [0, 1]]
 

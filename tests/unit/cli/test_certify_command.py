@@ -80,7 +80,8 @@ def test_values_in_the_file_of_the_mesh_have_its_order_also_where_nodes_are_move
 
 
 def test_of_second_order_triangles_the_corners_are_taken(files, run):
-    mesh, n = files.mesh, files.mesh.n_nodes
+    mesh = files.mesh
+    n = files.mesh.n_nodes
     middles = 0.5 * mesh.points[mesh.triangulation.ends].sum(axis=1)
     cells = np.column_stack([mesh.triangles, n + mesh.opposite_edges[:, [2, 0, 1]]])
     values = np.append(files.u, np.full(len(middles), 99.0))

@@ -13,7 +13,7 @@ from study.ledger.claims import Judgement
 from study.ledger.results import Results
 from unilateral.cli import main
 from unilateral.cli.application import EXIT_CODES, application
-from unilateral.cli.cases import polygon_record
+from unilateral.cli.cases import make_polygon_record
 
 TEXT = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
 CONTEXT = click.Context(application)
@@ -86,7 +86,7 @@ def test_the_fields_of_cases(capsys):
     assert set(fields("cases")) == set(found) | set(found["polygons"][0])
     (said,) = re.findall(r"^In the list of all cases polygons have .*$", TEXT, re.MULTILINE)
     listed = re.findall(r"`(\w+)`", said)
-    assert listed == list(polygon_record(load("natural"), certified("natural")))
+    assert listed == list(make_polygon_record(load("natural"), certified("natural")))
 
 
 def test_the_fields_of_infsup(capsys):
@@ -96,7 +96,7 @@ def test_the_fields_of_infsup(capsys):
 
 def test_the_fields_of_claims():
     """Of a claim that is not judged; the fields are the same as of others."""
-    record = Judgement(claims.find("4.12"), Results(""), Unjudged("no results")).record()
+    record = Judgement(claims.find_claim("4.12"), Results(""), Unjudged("no results")).record()
     first, *others = fields("claims")
     assert first == "claims"
     assert set(others) == {*record, "required", "holds"}

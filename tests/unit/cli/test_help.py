@@ -12,9 +12,9 @@ from conftest import ROOT
 from typed import in_python
 
 from unilateral.cli.application import application
-from unilateral.errors import meant
+from unilateral.errors import suggest_name
 from unilateral.solvers.stop import ALGORITHMS
-from unilateral.solvers.uzawa_steps import STEPS
+from unilateral.solvers.uzawa_steps import STEP_METHODS
 
 SCRIPT = Path(sys.executable).with_name("unilateral")
 
@@ -57,12 +57,12 @@ def test_a_study_of_the_user_is_neither_imported_nor_taken_for_this_project_s(tm
 
 def test_all_algorithms_can_be_named():
     """Those that iterate by steps are declared beside their steps."""
-    assert set(STEPS) < set(ALGORITHMS)
+    assert set(STEP_METHODS) < set(ALGORITHMS)
 
 
 def test_nothing_is_offered_for_what_is_like_nothing():
     """Control."""
-    assert meant("xyz", application.commands) == ""
+    assert suggest_name("xyz", application.commands) == ""
 
 
 @pytest.mark.parametrize(

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from conftest import coupled
 
-from unilateral.formulas.decimals import down, interval
+from unilateral.formulas.decimals import format_down, format_interval
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.files import write_mesh
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.fortin import beta_below
-from unilateral.norms.infsup import infsup
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.fortin import beta_lower_bound
+from unilateral.norms.infsup import infsup_constants
 
 SQUARE = ("--polygon", "square")
 
@@ -36,7 +36,9 @@ def found(run):
 def test_the_constants_are_the_library_s(run, found):
     """At H = 2h on the square; the rule is kept, and beta is above the 1/2 of claim S.local."""
     told = found(*SQUARE, "--h", "1/16", "--H", "1/8")
-    expected = infsup(coupled("square", 16, 8).operator, dual_norm(uniform(square(), 1 / 8)).gram().p0)
+    expected = infsup_constants(
+        coupled("square", 16, 8).operator, build_dual_norm(make_uniform_partition(square(), 1 / 8)).gram().p0
+    )
     for name, value in expected._asdict().items():
         assert told[name] == pytest.approx(value, rel=1e-9), name
     assert told["beta_lower"] >= 0.5
@@ -50,10 +52,12 @@ def test_the_constants_are_the_library_s(run, found):
         "triangles": [],
     }
     _, out, _ = run("infsup", *SQUARE, "--h", "1/16", "--H", "1/8")
-    bounds = interval(expected.beta_lower, expected.beta_upper, spec=".4f")
+    bounds = format_interval(expected.beta_lower, expected.beta_upper, spec=".4f")
     assert f"  beta in H^(-1/2)  {bounds}, up to rounding\n" in out
     assert "  local rule        kept\n" in out
-    proved = down(beta_below(coupled("square", 16, 8).mesh, uniform(square(), 1 / 8)), ".4f")
+    proved = format_down(
+        beta_lower_bound(coupled("square", 16, 8).mesh, make_uniform_partition(square(), 1 / 8)), ".4f"
+    )
     assert f"  Theorem 5         proves beta >= {proved} here, guaranteed: delta = 0.5, alpha_1 = 1\n" in out
     assert (told["not_solved"], told["beta_fortin"] >= float(proved)) == ("", True)
     assert (told["theorem_5"], told["delta"], told["alpha_1"]) == (True, 0.5, 1)
@@ -61,7 +65,7 @@ def test_the_constants_are_the_library_s(run, found):
 
 def test_a_mesh_and_cells_of_one_s_own(found, tmp_path):
     """The same pair from files, by so many cells a side, and by their arc lengths in any order."""
-    write_mesh(structured(square(), 1 / 8), tmp_path / "own.msh")
+    write_mesh(make_structured_mesh(square(), 1 / 8), tmp_path / "own.msh")
     ends = np.arange(17) / 4
     rows = [f"{start},{end}" for start, end in pairwise(ends)]
     (tmp_path / "cells.csv").write_text("\n".join(["start,end", *reversed(rows)]))
@@ -76,7 +80,7 @@ def test_a_mesh_and_cells_of_one_s_own(found, tmp_path):
 def test_the_cells_that_break_the_rule_are_named(run, found, tmp_path):
     """By hand: side 0 has 2 edges for 4 cells, half an edge in each; the other sides have 8."""
     s = np.concatenate([[0, 0.5], 1 + np.arange(24) / 8])
-    write_mesh(meshes.with_boundary(square(), s), tmp_path / "own.msh")
+    write_mesh(meshes.triangulate_from_boundary(square(), s), tmp_path / "own.msh")
     pair = ("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
     cells = found(*pair)["rule"]["cells"]
     assert [each["cell"] for each in cells] == [0, 1, 2, 3]
@@ -97,7 +101,7 @@ def test_a_node_inside_a_long_edge_s_cell_is_enough_for_the_theorem(run, found, 
     delta = 0.1/0.25, from the node 0.1 and from 0.9, or 0.05/0.25, from 0.3; the edges break the rule.
     """
     s = np.concatenate([[0, 0.1, 0.3, 0.6, 0.9], 1 + np.arange(24) / 8])
-    write_mesh(meshes.with_boundary(square(), s), tmp_path / "own.msh")
+    write_mesh(meshes.triangulate_from_boundary(square(), s), tmp_path / "own.msh")
     told = found("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
     assert (told["theorem_5"], told["rule"]["kept"]) == (True, False)
     assert told["delta"] == pytest.approx(0.2, rel=1e-9)
@@ -168,7 +172,8 @@ def test_a_problem_file_says_which_sides_are_clamped(run, tmp_path, c):
 
 def test_however_it_is_written_c_is_0(run, tmp_path):
     """Control: c = 1 has other constants."""
-    file, found = tmp_path / "own.yaml", {}
+    file = tmp_path / "own.yaml"
+    found = {}
     for c in ("0", "0.0", "1 - 1", "1"):
         file.write_text(
             "{polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, -1, -1, -1], u: {0: 0}, "

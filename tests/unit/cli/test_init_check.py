@@ -43,9 +43,8 @@ def test_the_template_has_every_field(tmp_path):
     import yaml
 
     folder = ROOT / "src/unilateral/problems"
-    schema, template = (
-        yaml.safe_load((folder / name).read_text()) for name in ("problem.schema.yaml", "template.yaml")
-    )
+    schema = yaml.safe_load((folder / "problem.schema.yaml").read_text())
+    template = yaml.safe_load((folder / "template.yaml").read_text())
     assert set(template) == set(schema["properties"])
 
 
@@ -115,7 +114,7 @@ def test_check_shows_the_flux_on_free_sides(run, problem_file_of):
 
 def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     """Numbers 0 to 4, three dashed sides, and g = sin(pi x)/4 along the first side; the same bytes twice."""
-    top, bottom, *_ = draw_problem(problem_file.load(SHELTER)).axes
+    top, bottom, *_ = draw_problem(problem_file.load_problem(SHELTER)).axes
     assert [text.get_text() for text in top.texts] == list("01234")
     assert [line.get_linestyle() for line in top.lines] == ["-", "-", "--", "--", "--"]
     s, g = bottom.lines[0].get_data()
@@ -133,7 +132,7 @@ def test_the_picture_of_a_constant_has_one_tick_at_it(tmp_path, f):
     for text, ticks in ((f"{f:f}", 1), (f"{f:f} + x", None)):
         file = tmp_path / "problem.yaml"
         file.write_text(f"polygon: [[0, 0], [1, 0], [0, 1]]\nf: {text}\ng: 0\n")
-        page = draw_problem(problem_file.load(str(file)))
+        page = draw_problem(problem_file.load_problem(str(file)))
         page.draw_without_rendering()
         (bar,) = page.axes[0].child_axes
         assert ticks is None or bar.get_yticks().tolist() == [f]

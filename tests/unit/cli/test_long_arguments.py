@@ -34,7 +34,8 @@ OF_ACCURACY = ("--accuracy", "--norm", "--max-unknowns", "--max-seconds", "--max
 
 def typed(command, param, text):
     """The arguments with which a command would run, but for this text as one of them."""
-    arguments, options = [*ARGUMENTS.get(command, [])], dict(OPTIONS.get(command, {}))
+    arguments = [*ARGUMENTS.get(command, [])]
+    options = dict(OPTIONS.get(command, {}))
     if isinstance(param, click.Argument):
         at = 1 if param.name == "solutions" else 0
         arguments[at : at + 1] = [text]

@@ -5,7 +5,7 @@ import pytest
 from typed import PROBLEM
 
 from unilateral.geometry.files import write_mesh
-from unilateral.geometry.mesh import unstructured
+from unilateral.geometry.mesh import make_unstructured_mesh
 from unilateral.geometry.polygon import Polygon
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
@@ -42,7 +42,7 @@ def test_files_that_hold_no_triangles_are_refused_at_once(
 
 def rounded(folder, decimals):
     """A mesh of the turned square in a file, with few decimals."""
-    mesh = unstructured(TURNED, 1 / 8)
+    mesh = make_unstructured_mesh(TURNED, 1 / 8)
     points = np.round(mesh.points, decimals)
     lines = [f"{i} {x!r} {y!r} 0" for i, (x, y) in enumerate(points.tolist(), start=1)]
     cells = [f"{i} 2 2 1 1 {a} {b} {c}" for i, (a, b, c) in enumerate((mesh.triangles + 1).tolist(), start=1)]
@@ -59,7 +59,7 @@ def test_turns_that_are_taken_for_rounding_are_told_on_standard_error(run, tmp_p
     assert out.startswith("own, 4 sides: h = 0.125")
     assert "own.msh: the polygon has 4 sides; the turns of its boundary at" in err
     assert err.count("\n") == 1
-    write_mesh(unstructured(TURNED, 1 / 8), tmp_path / "exact.vtu")
+    write_mesh(make_unstructured_mesh(TURNED, 1 / 8), tmp_path / "exact.vtu")
     code, exact, err = run("infsup", "--mesh", str(tmp_path / "exact.vtu"), "--cells", "4")
     assert (code, err) == (0, "")
     assert [line for line in out.splitlines() if "beta in" in line] == [

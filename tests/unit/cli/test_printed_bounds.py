@@ -56,7 +56,8 @@ def test_the_printed_interval_has_the_force_in_it(printed, options):
 def gradient_error(solution):
     """||grad u - grad u_h||_0 for PARABOLA: exact, as x is linear on triangles and grad u_h constant."""
     nodes = solution.mesh.triangles
-    (x, y), u = solution.mesh.points[nodes].transpose(2, 0, 1), solution.u[nodes]
+    (x, y) = solution.mesh.points[nodes].transpose(2, 0, 1)
+    u = solution.u[nodes]
     planes = np.linalg.solve(np.stack([x, y, np.ones_like(x)], axis=2), u[..., None])[..., 0]
     distance = (SCALE * x.mean(axis=1) - planes[:, 0]) ** 2 + SCALE**2 * x.var(axis=1) / 4 + planes[:, 1] ** 2
     return float(np.sqrt(solution.mesh.areas @ distance))
@@ -135,5 +136,5 @@ def test_every_bound_that_is_printed_is_one_of_the_number_in_json(name, capsys):
 
 
 def test_by_plain_rounding_some_would_be_on_the_wrong_side(monkeypatch, capsys):
-    monkeypatch.setattr(decimals, "_rounded", lambda x, spec, _: format(x, spec))
+    monkeypatch.setattr(decimals, "_format_rounding", lambda x, spec, _: format(x, spec))
     assert any(wrong(*told(arguments, capsys)) for arguments in RUNS.values())

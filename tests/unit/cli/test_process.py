@@ -91,7 +91,7 @@ TITLE = "λ-λ_H ‖·‖ – 90° š…"
 )
 def test_letters_that_a_terminal_does_not_have(encoding, letters):
     """By their names, or their codes; a user's own choice, such as ascii:replace, is left."""
-    source = f"from unilateral.cli import guard; guard.prepare_streams(); guard.say({TITLE!r})"
+    source = f"from unilateral.cli import guard; guard.prepare_streams(); guard.print_result({TITLE!r})"
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     done = subprocess.run([sys.executable, "-c", source], capture_output=True, env=environment, timeout=60)
     assert (done.returncode, done.stderr) == (0, b"")
@@ -166,7 +166,7 @@ def test_a_second_interrupt_ends_at_once():
     source = (
         "import os, signal, sys; from unilateral.adaptive import loop\n"
         "from unilateral.cli import main, solve\n"
-        "loop.divided_mesh = solve.ending = lambda *_: os.kill(os.getpid(), signal.SIGINT)\n"
+        "loop.halve_triangle_edges = solve.describe_ending = lambda *_: os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.exit(main(['solve', 'natural', '--accuracy', '0.1']))\n"
     )
     code, out, err = in_python(source)
@@ -179,7 +179,7 @@ def test_sigterm_is_told_and_is_code_143():
     source = (
         "import os, signal, sys; from unilateral.adaptive import loop\n"
         "from unilateral.cli import main\n"
-        "loop.first_mesh = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "loop.make_first_mesh = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
         "sys.exit(main(['solve', 'natural', '--accuracy', '0.1']))\n"
     )
     assert in_python(source) == (143, "", "unilateral: terminated\n")
@@ -269,7 +269,7 @@ def test_a_failure_in_the_midst_is_code_4(run, monkeypatch, error, message):
     def failing(*_):
         raise error
 
-    monkeypatch.setattr(claims, "judge", failing)
+    monkeypatch.setattr(claims, "judge_all", failing)
     code, out, err = run("claims", "4.12")
     assert (code, out, err.count("\n")) == (4, "", 1)
     assert message in err
@@ -281,7 +281,7 @@ def test_a_failure_in_code_without_a_file_is_told(run, monkeypatch):
     made = {"__builtins__": __builtins__}
     exec(compile(source, "<lambdifygenerated-1>", "exec"), made)
     del made["__builtins__"]
-    monkeypatch.setattr(claims, "judge", made["failing"])
+    monkeypatch.setattr(claims, "judge_all", made["failing"])
     code, _, err = run("claims", "4.12")
     assert (code, err.count("\n")) == (4, 1)
     assert err.endswith("ArithmeticError: no number (<lambdifygenerated-1>, line 2)\n")

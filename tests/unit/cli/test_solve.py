@@ -8,14 +8,14 @@ import pytest
 from conftest import ROOT, discrete, exact_errors, load
 from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete import condensed
 from unilateral.fem.form import H1
-from unilateral.formulas.decimals import down, interval, up
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.fortin import beta_below
-from unilateral.system.files import sized
+from unilateral.formulas.decimals import format_down, format_interval, format_up
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.fortin import beta_lower_bound
+from unilateral.system.files import format_file_size
 
 NOT_UNIQUE = (
     "unilateral: lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h\n"
@@ -28,9 +28,12 @@ def test_solve_prints_a_table(run):
     assert (code, err) == (0, "")
     assert out.startswith("natural: h = 0.0625, H = 0.125, h/H = 0.5\n")
     alone = discrete("natural", 16, 8)
-    solution = condensed.solve(alone)
+    solution = condensed.solve_condensed_problem(alone)
     errors = exact_errors(alone, solution)
-    assert f"uzawa converged             algebraic error at most {up(solution.result.bound, '.4e')}" in out
+    assert (
+        f"uzawa converged             algebraic error at most {format_up(solution.result.bound, '.4e')}"
+        in out
+    )
     assert f"after {solution.result.iterations} steps" in out
     for name, sign, value in (("u - u_h||_1", "=", "h1"), ("lambda - lambda_H||_0", "=", "l2")):
         assert re.search(rf"\|\|{re.escape(name)} +{sign} {getattr(errors, value):.4e}\n", out), name
@@ -43,10 +46,11 @@ def test_json_has_the_library_s_numbers(run):
     """natural at h = 1/16: the total bound is at least the error, and at most 30 % more."""
     code, found, err = solve_json(run, "natural", *FINER)
     assert (code, err) == (0, "")
-    alone, of = discrete("natural", 16, 8), load("natural")
-    solution = condensed.solve(alone)
+    alone = discrete("natural", 16, 8)
+    of = load("natural")
+    solution = condensed.solve_condensed_problem(alone)
     errors = exact_errors(alone, solution)
-    lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
+    lower, upper = build_dual_norm(alone.spaces.partition, [of]).bound_error(of, solution.lambda_H[None])
     mesh = alone.exact.ritz.condensed.mesh
     data = enclose_data(of.problem, mesh, H1)
     bound = local_bound(data, alone.spaces.partition, solution.u_h, solution.lambda_H, H1)
@@ -60,8 +64,8 @@ def test_json_has_the_library_s_numbers(run):
         "iterations": solution.result.iterations,
         "converged": True,
         "algebraic_bound": solution.result.bound,
-        "beta": beta_below(mesh, alone.spaces.partition),
-        "hm12_algebraic_bound": solution.result.bound / beta_below(mesh, alone.spaces.partition),
+        "beta": beta_lower_bound(mesh, alone.spaces.partition),
+        "hm12_algebraic_bound": solution.result.bound / beta_lower_bound(mesh, alone.spaces.partition),
         "norm": "h1",
         "total_bound": bound.u,
         "h1_error": errors.h1,
@@ -95,8 +99,10 @@ def test_the_algebraic_error_of_lambda_is_told_by_the_bound_on_beta(run):
         assert 0.2 < found["beta"] < 0.8
         assert found["hm12_algebraic_bound"] == found["algebraic_bound"] / found["beta"]
         out = run("solve", "thirds", *how)[1]
-        told = f"at most {up(found['hm12_algebraic_bound'], '.4e')} in H^(-1/2), guaranteed"
-        assert f"  that of lambda_H            {told}, as beta >= {down(found['beta'], '.3f')}\n" in out
+        told = f"at most {format_up(found['hm12_algebraic_bound'], '.4e')} in H^(-1/2), guaranteed"
+        assert (
+            f"  that of lambda_H            {told}, as beta >= {format_down(found['beta'], '.3f')}\n" in out
+        )
 
 
 def test_where_beta_is_0_the_multiplier_is_not_judged(run):
@@ -107,7 +113,9 @@ def test_where_beta_is_0_the_multiplier_is_not_judged(run):
     assert found["beta"] == 0
     assert [key for key in KEYS if found[key] is None] == ["goal", "ended", "reach", "iterations", *of_lambda]
     alone = discrete("natural", 8, 8)
-    assert found["h1_error"] == pytest.approx(exact_errors(alone, condensed.solve(alone)).h1, rel=1e-9)
+    assert found["h1_error"] == pytest.approx(
+        exact_errors(alone, condensed.solve_condensed_problem(alone)).h1, rel=1e-9
+    )
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
     assert out.count("not judged, because beta is 0 up to rounding") == 2
     assert "active_set converged" in out
@@ -151,7 +159,7 @@ def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
     options = ("natural", *SIZES, "--max-steps", "1", "--algorithm", algorithm)
     code, found, err = solve_json(run, *options)
     assert (code, found["converged"], found["iterations"]) == (3, False, 1)
-    bound = up(found["algebraic_bound"], ".4e")
+    bound = format_up(found["algebraic_bound"], ".4e")
     assert err == (
         f"unilateral: the iteration did not converge: the algebraic error is at most {bound} after 1 step; "
         "allow more of them, or take another algorithm\n"
@@ -175,7 +183,7 @@ def test_given_sizes_of_a_problem(run):
     assert found["h"] <= 1 / 8 < found["h"] * 2
     assert found["algebraic_bound"] <= 0.01 * found["total_bound"]
     _, out, _ = run("solve", PROBLEM, *SIZES)
-    assert f"guaranteed                  ||u - u_h||_1 <= {up(found['total_bound'], '.4e')}" in out
+    assert f"guaranteed                  ||u - u_h||_1 <= {format_up(found['total_bound'], '.4e')}" in out
     assert "lambda_H||_0" not in out
 
 
@@ -186,7 +194,7 @@ def test_relative_bounds_are_printed_where_the_size_is_known(run):
     for error, of, norm in (("u - u_h||_1", "u", "h1"), ("lambda - lambda_H||_-1/2", "lambda", "hm12")):
         error, of = map(re.escape, (f"||{error}", f"||{of}||_{'1' if norm == 'h1' else '-1/2'}"))
         ((bound, share, size),) = re.findall(rf"{error} <= (\S+) <= (\S+) {of}, {of} >= (\S+)\n", out)
-        assert share == up(found[f"{norm}_relative_bound"], ".3g")
+        assert share == format_up(found[f"{norm}_relative_bound"], ".3g")
         assert float(share) * float(size) == pytest.approx(float(bound), rel=0.01)
     _, out, _ = run("solve", "no_contact", *FINER)
     assert re.search(r"\|\|lambda - lambda_H\|\|_-1/2 <= \S+\n", out)
@@ -197,7 +205,8 @@ KEPT = {"solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 
 def test_a_solution_is_kept(run, tmp_path):
     """All files of a folder, which is made, and others by their endings; the certificate is what is told."""
-    folder, extra = tmp_path / "new/out", [tmp_path / name for name in ("a.csv", "b.png")]
+    folder = tmp_path / "new/out"
+    extra = [tmp_path / name for name in ("a.csv", "b.png")]
     named = [part for file in extra for part in ("-o", str(file))]
     code, found, err = solve_json(run, "natural", *SIZES, "--out", str(folder), *named)
     assert (code, err) == (0, "")
@@ -212,7 +221,7 @@ def test_every_file_that_is_kept_is_told_with_its_size(run, tmp_path):
     files = [tmp_path / name for name in ("a.csv", "a.vtu")]
     code, out, err = run("solve", "natural", *SIZES, *(part for file in files for part in ("-o", file)))
     assert (code, err) == (0, "")
-    lines = [f"  written                     {file}, {sized(file)}" for file in files]
+    lines = [f"  written                     {file}, {format_file_size(file)}" for file in files]
     assert out.splitlines()[-2:] == lines
     assert "written" not in run("solve", "natural", *SIZES)[1]
 
@@ -223,7 +232,7 @@ def test_every_file_that_is_kept_is_told_with_its_size(run, tmp_path):
 def test_sizes_have_three_digits(tmp_path, size, shown):
     (tmp_path / "one").write_bytes(bytes(size // 2))
     (tmp_path / "two").write_bytes(bytes(size - size // 2))
-    assert sized(tmp_path / "one", tmp_path / "two") == shown
+    assert format_file_size(tmp_path / "one", tmp_path / "two") == shown
 
 
 @pytest.mark.parametrize(
@@ -258,7 +267,7 @@ def test_the_contact_is_printed(run, monkeypatch):
     assert "  contact                     the whole boundary, length 4\n" in out
     assert "contact, side" not in out
     assert "  contact                     none\n" in run("solve", "no_contact", *SIZES)[1]
-    monkeypatch.setattr("unilateral.cli.report.SIDES", 3)
+    monkeypatch.setattr("unilateral.cli.report.MAX_FORCE_SIDES", 3)
     assert "contact, side" not in run("solve", "natural", *SIZES)[1]
 
 
@@ -271,12 +280,12 @@ def test_the_forces_are_printed(run, monkeypatch):
     _, out, _ = run("solve", "natural", *FINER, "--sharp")
     of = found["forces"]["side_2"]
     assert of["known"] == "both"
-    numbers = interval(of["lower"], of["upper"], of["value"], ".4e")
+    numbers = format_interval(of["lower"], of["upper"], of["value"], ".4e")
     assert re.fullmatch(r"\S+, between \S+ and \S+", numbers)
     assert f"  force, side 2               {numbers}\n" in out
     _, found, _ = solve_json(run, "thirds", *FINER, "--free-sides", "1,3")
     assert list(found["forces"]) == ["boundary", "side_0", "side_2"]
-    monkeypatch.setattr("unilateral.cli.solve.SIDES", 3)
+    monkeypatch.setattr("unilateral.cli.solve.MAX_FORCE_SIDES", 3)
     _, found, _ = solve_json(run, "natural", *FINER)
     assert found["forces"] is None
 
@@ -329,7 +338,8 @@ def test_a_problem_without_contact_is_solved_and_said_to_be_linear(run, tmp_path
 
 def linear(folder, rest="free_sides: [0], u: {1: 0, 2: 0, 3: null}, k: 2, c: 0", g="null"):
     file = folder / "linear.yaml"
-    square, none = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1", f"g: [{g}, null, null, null]"
+    square = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1"
+    none = f"g: [{g}, null, null, null]"
     file.write_text(f"{{{square}, {none}, {rest}}}")
     return str(file)
 

@@ -15,7 +15,7 @@ from typed import KEYS, PROBLEM, solve_json
 import unilateral as ul
 from unilateral.adaptive import forecast, loop
 from unilateral.discrete import solution
-from unilateral.formulas.decimals import up
+from unilateral.formulas.decimals import format_up
 from unilateral.solution import Solution
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
@@ -39,7 +39,7 @@ def test_an_accuracy_of_a_case(run):
     assert [level[:2] for level in levels[:2]] == [["0.5", "0.5"], ["0.25", "0.25"]]
     assert int(levels[-1][3]) == found["unknowns"]
     assert sum(int(level[5]) for level in levels) == found["iterations"]
-    bound = re.escape(up(found["total_bound"], ".4e"))
+    bound = re.escape(format_up(found["total_bound"], ".4e"))
     assert re.search(rf"  certified: .* <= {bound} <= 0.0\d+ \|\|u\|\|_1, \|\|u\|\|_1 >= ", out)
     (line,) = re.findall(r"  these bounds include +(.*)", out)
     enclosed = r"all rounding errors, and at most (\S+) for approximating f, g and q"
@@ -104,7 +104,8 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
     own = solution.local_bound
 
     def spoilt(data, *others):
-        found, unknowns = own(data, *others), data.mesh.n_nodes
+        found = own(data, *others)
+        unknowns = data.mesh.n_nodes
         u = of_u.get(unknowns, 1.0) * found.u
         return replace(found, u=u, lambda_=of_lambda.get(unknowns, 1.0) * found.lambda_)
 
@@ -164,14 +165,15 @@ def test_nothing_is_relative_to_a_multiplier_that_is_0(run):
 @pytest.mark.parametrize("done", [0, 1])
 def test_an_interrupt_leaves_the_best_solution_if_there_is_one(run, monkeypatch, done):
     """A signal in the midst of the first level, or of the second; no true errors, which may take long."""
-    own, count = loop.solve, itertools.count()
+    own = loop.solve_next_level
+    count = itertools.count()
 
     def interrupting(*arguments):
         if next(count) == done:
             interrupt()
         return own(*arguments)
 
-    monkeypatch.setattr(loop, "solve", interrupting)
+    monkeypatch.setattr(loop, "solve_next_level", interrupting)
     code, out, err = run("solve", "natural", "--accuracy", "1e-3")
     assert (code, err) == (130, "" if done else "unilateral: interrupted\n")
     assert ("NOT certified, interrupted: ||u - u_h||_1 <= " in out) == (done > 0)
@@ -192,7 +194,7 @@ def test_a_dry_run_says_what_is_needed(run):
     assert "\n  adapted meshes, because a few triangles contribute most of the bound\n" in out
     assert "H = 2h" in out
     *before, last = (int(level[3]) for level in level_rows(out))
-    assert max(before) < forecast.PLAN_UNKNOWNS <= last < 10 * forecast.PLAN_UNKNOWNS
+    assert max(before) < forecast.MIN_PLAN_UNKNOWNS <= last < 10 * forecast.MIN_PLAN_UNKNOWNS
     limited = (*dry, "--max-unknowns", "49999")
     said = r"; not within --max-unknowns 49999; try --accuracy (0\.02|0\.05)\n"
     (reach,) = re.findall(said, run(*limited)[1])
@@ -249,14 +251,16 @@ def test_a_limit_before_the_first_level_is_told(run):
 def test_where_the_data_are_0_the_table_says_what_is_wanted(run, problem_file_of):
     """The bound of `adaptive.level.ZERO_SOLUTION_BOUND`, not 0, which no bound is below."""
     code, out, _ = run("solve", problem_file_of(f=0, g=0), "--accuracy", "0.1")
-    (*_, total, wanted), head = (out.splitlines()[k].split() for k in (2, 1))
+    (*_, total, wanted) = out.splitlines()[2].split()
+    head = out.splitlines()[1].split()
     assert (code, head[-2:]) == (0, ["total", "wanted"])
     assert float(total) <= float(wanted) == 1e-140
 
 
 def test_a_refused_mesh_leaves_the_best_solution(run, problem_file_of):
     """The coarser ones are fine; control: the code is 2 where the first one is refused."""
-    polygon, refusal = "[[1e9, 0], [1e9 + 1, 0], [1e9 + 1, 1], [1e9, 1]]", "to the origin"
+    polygon = "[[1e9, 0], [1e9 + 1, 0], [1e9 + 1, 1], [1e9, 1]]"
+    refusal = "to the origin"
     file = problem_file_of(polygon=polygon, f="3*(x - 1e9) - 2", g=0)
     code, out, err = run("solve", file, "--accuracy", "1e-1")
     assert (code, err.count("\n")) == (3, 1)

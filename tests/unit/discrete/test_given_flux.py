@@ -11,13 +11,13 @@ from symbolic import X, Y, compile_numpy, symbolic
 
 import unilateral as ul
 from unilateral.adaptive.level import contradict
-from unilateral.bounds import mesh_data
-from unilateral.bounds.boundary_flux import nothing
-from unilateral.bounds.mesh_data import enclose_data
+from unilateral.bounds import enclosed_data
+from unilateral.bounds.boundary_flux import no_given_flux
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.discrete import multilevel
 from unilateral.fem.p1 import energy_norm
-from unilateral.formulas.formula import parse
-from unilateral.geometry.adapted import adapted
+from unilateral.formulas.formula import parse_formula
+from unilateral.geometry.adapted import start_adapted_mesh
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 LSHAPE = [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)]
@@ -36,7 +36,7 @@ class Known:
 
     @cached_property
     def formula(self):
-        return symbolic(parse(self.u, ("x", "y"), "u"))
+        return symbolic(parse_formula(self.u, ("x", "y"), "u"))
 
     @cached_property
     def fluxes(self):
@@ -60,7 +60,8 @@ class Known:
     def force(self, side):
         """The integral of k du/dn over a side, by Gauss's rule of 20 points."""
         t, w = np.polynomial.legendre.leggauss(20)
-        start, end = (np.array(self.polygon[i % len(self.polygon)], dtype=float) for i in (side, side + 1))
+        start = np.array(self.polygon[side % len(self.polygon)], dtype=float)
+        end = np.array(self.polygon[(side + 1) % len(self.polygon)], dtype=float)
         x, y = (start + 0.5 * (t[:, None] + 1) * (end - start)).T
         flux = compile_numpy([self.fluxes[side]], (X, Y))(x, y)[0]
         return 0.5 * np.hypot(*(end - start)) * (w @ flux)
@@ -81,11 +82,15 @@ PROBLEMS = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_solutions_solve_their_problems(name):
     """lambda >= 0, gap >= 0, one of both 0, in points of the sides that are held."""
-    of, t = PROBLEMS[name], np.linspace(0, 1, 101)[:, None]
+    of = PROBLEMS[name]
+    t = np.linspace(0, 1, 101)[:, None]
     for side, gap in of.held.items():
-        start, end = (np.array(of.polygon[i % len(of.polygon)], dtype=float) for i in (side, side + 1))
+        start = np.array(of.polygon[side % len(of.polygon)], dtype=float)
+        end = np.array(of.polygon[(side + 1) % len(of.polygon)], dtype=float)
         x, y = (start + t * (end - start)).T
-        flux, apart = compile_numpy([of.fluxes[side], symbolic(parse(gap, ("x", "y"), "gap"))], (X, Y))(x, y)
+        flux, apart = compile_numpy(
+            [of.fluxes[side], symbolic(parse_formula(gap, ("x", "y"), "gap"))], (X, Y)
+        )(x, y)
         assert np.all((flux >= -1e-14) & (apart >= 0))
         assert np.all((np.abs(flux) <= 1e-14) | (apart == 0))
 
@@ -104,7 +109,8 @@ def test_errors_fall_as_proved_below_both_bounds(name):
     So is the sharp bound of lambda against the cheap one, which is of lower order. Forces lie between the
     numbers that are guaranteed, exact ones by quadrature.
     """
-    of, errors = PROBLEMS[name], []
+    of = PROBLEMS[name]
+    errors = []
     for n in (8, 16, 32):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
         errors.append(of.error(found))
@@ -121,7 +127,7 @@ def test_errors_fall_as_proved_below_both_bounds(name):
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
     """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
     of = PROBLEMS["of both signs, beside contact"]
-    monkeypatch.setattr(mesh_data, "edge_load", lambda mesh, _: np.zeros(mesh.n_nodes))
+    monkeypatch.setattr(enclosed_data, "edge_load", lambda mesh, _: np.zeros(mesh.n_nodes))
     errors = []
     for n in (8, 16):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
@@ -146,10 +152,10 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     assert error <= found.bounds.u
 
     def linear(flux, mesh):
-        return nothing(mesh)._replace(ends=right(flux, mesh).ends)
+        return no_given_flux(mesh)._replace(end_values=right(flux, mesh).end_values)
 
-    right = mesh_data.given
-    monkeypatch.setattr(mesh_data, "given", linear)
+    right = enclosed_data.project_given_flux
+    monkeypatch.setattr(enclosed_data, "project_given_flux", linear)
     found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
     assert found.bounds.u < 0.7 * error
     assert found.sharp_bounds.u < 0.7 * error
@@ -164,10 +170,12 @@ def test_bounds_hold_where_the_flux_is_not_smooth(q):
     And the bound on that of 1/8 is at most three times the distance: a third of it would be too small.
     """
     problem = ul.Problem(SQUARE, f="1 - 3*x", g=[None, -0.1, -0.1, -0.1], free_sides=[0], q=q)
-    coarse, fine = (ul.solve(problem, h=h, H=2 * h, mesh="structured") for h in (1 / 8, 1 / 64))
+    coarse = ul.solve(problem, h=1 / 8, H=2 * (1 / 8), mesh="structured")
+    fine = ul.solve(problem, h=1 / 64, H=2 * (1 / 64), mesh="structured")
     distance = energy_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
     for kind in ("bounds", "sharp_bounds"):
-        of_coarse, of_fine = getattr(coarse, kind).u, getattr(fine, kind).u
+        of_coarse = getattr(coarse, kind).u
+        of_fine = getattr(fine, kind).u
         assert distance <= of_coarse + of_fine
         assert of_fine < of_coarse <= 3 * distance
 
@@ -208,7 +216,7 @@ def solutions(problem):
     exactly = {"tolerance": 1e-11}
     for name in ("multigrid", "active_set", "uzawa"):
         yield ul.solve(problem, mesh=mesh, H=1 / 8, stop=ul.Stop(algorithm=name, **exactly)).solved
-    yield multilevel.discretise_nested(problem, adapted(mesh)).solved(ul.Stop(**exactly))
+    yield multilevel.discretise_on_adapted_mesh(problem, start_adapted_mesh(mesh)).solve(ul.Stop(**exactly))
 
 
 def test_all_solvers_have_the_flux():

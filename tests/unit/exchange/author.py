@@ -55,7 +55,8 @@ class Level(NamedTuple):
     @property
     def areas(self):
         corners = self.points[self.triangles]
-        (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+        (ax, ay) = (corners[:, 1] - corners[:, 0]).T
+        (bx, by) = (corners[:, 2] - corners[:, 0]).T
         return 0.5 * np.abs(ax * by - ay * bx)
 
     @property
@@ -77,7 +78,8 @@ class Level(NamedTuple):
 
 def read(folder, name):
     made = Path(folder) / name
-    mesh, nodes = meshio.read(made / "mesh.vtu"), pd.read_csv(made / "nodes.csv")
+    mesh = meshio.read(made / "mesh.vtu")
+    nodes = pd.read_csv(made / "nodes.csv")
     return Level(
         nodes[["x", "y"]].to_numpy(),
         mesh.cells_dict["triangle"],
@@ -91,9 +93,11 @@ def read(folder, name):
 
 def matrices(level):
     """Stiffness, from the edges opposite to the corners, and mass."""
-    corners, area = level.points[level.triangles], level.areas[:, None, None]
+    corners = level.points[level.triangles]
+    area = level.areas[:, None, None]
     edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    t, n = level.triangles, len(level.points)
+    t = level.triangles
+    n = len(level.points)
     at = np.repeat(t, 3, axis=1).ravel(), np.tile(t, (1, 3)).ravel()
     blocks = edges @ edges.transpose(0, 2, 1) / (4 * area), area * (np.ones((3, 3)) + np.eye(3)) / 12
     return [sp.coo_array((each.ravel(), at), shape=(n, n)).tocsr() for each in blocks]
@@ -115,7 +119,9 @@ def load(level, bug, M):
 
 def of_means(level):
     """Rows v -> integrals of v over the cells, by midpoints between all points; means of g; lengths."""
-    s, b, rows = level.s, level.boundary, sp.lil_array((len(level.cells), len(level.points)))
+    s = level.s
+    b = level.boundary
+    rows = sp.lil_array((len(level.cells), len(level.points)))
     for i, (start, end) in enumerate(zip(level.cells.start, level.cells.end, strict=True)):
         for low, high in pairwise(np.unique([start, *s[(s > start) & (s < end)], end])):
             edge = np.searchsorted(s, 0.5 * (low + high)) - 1
@@ -134,12 +140,14 @@ def of_nodes(level):
 
 def contact(A, f, rows, g, lengths, held, settle=True):
     """u and the multipliers of the held rows u >= g lengths; with equality in all of them if not `settle`."""
-    active, mu = held.copy(), np.zeros(len(g))
+    active = held.copy()
+    mu = np.zeros(len(g))
     for _ in range(100):
         B = rows[np.flatnonzero(active)]
         system = sp.block_array([[A, -B.T], [B, None]], format="csc") if active.any() else A.tocsc()
         x = spl.spsolve(system, np.append(f, (g * lengths)[active]))
-        u, mu = x[: len(f)], np.zeros(len(g))
+        u = x[: len(f)]
+        mu = np.zeros(len(g))
         mu[active] = x[len(f) :]
         now = held & (mu > rows @ u / lengths - np.where(held, g, 0))
         if not settle or np.array_equal(now, active):
@@ -153,20 +161,24 @@ def uzawa(A, f, rows, g, lengths, held, behind):
 
     u belongs to the multipliers, or to those of the step before if it is `behind`.
     """
-    solve, B = spl.splu(A.tocsc()).solve, rows[np.flatnonzero(held)]
+    solve = spl.splu(A.tocsc()).solve
+    B = rows[np.flatnonzero(held)]
     D = B @ solve(B.T.toarray()) / lengths[held][:, None]
-    start, rho = B @ solve(f) / lengths[held] - g[held], 1.8 / np.linalg.norm(D, 2)
+    start = B @ solve(f) / lengths[held] - g[held]
+    rho = 1.8 / np.linalg.norm(D, 2)
     iterates = [np.zeros(held.sum())]
     while len(iterates) < 3 or np.ptp(iterates[-1] - iterates[-2]) > 1e-6 * np.ptp(iterates[-1]):
         iterates.append(np.maximum(0, iterates[-1] - rho * (D @ iterates[-1] + start)))
-    k, mu = max(1, len(iterates) // 10), np.zeros(len(g))
+    k = max(1, len(iterates) // 10)
+    mu = np.zeros(len(g))
     mu[held] = iterates[k]
     return solve(f + B.T @ iterates[k - behind]), mu
 
 
 def reduced(A, f, rows, g, lengths, u_D):
     """The problem for what u is without u_D (n,), on the nodes where that is NaN; and these nodes."""
-    free, given = np.flatnonzero(np.isnan(u_D)), np.nan_to_num(u_D)
+    free = np.flatnonzero(np.isnan(u_D))
+    given = np.nan_to_num(u_D)
     of_rest = f - A @ given, g - rows @ given / lengths
     return A[free][:, free], of_rest[0][free], rows[:, free], of_rest[1], free
 
@@ -181,7 +193,9 @@ def solved(level, bug="", method="cells"):
     K, M = matrices(level)
     of_K, of_M = MATRICES.get(bug, (1, 1))
     c = 1 if bug == "mass term added" else of_M * level.problem["c"]
-    A, f, u_D = of_K * K + c * M, load(level, bug, M), level.nodes.u_D.to_numpy()
+    A = of_K * K + c * M
+    f = load(level, bug, M)
+    u_D = level.nodes.u_D.to_numpy()
     u_D = {"clamped side left free": u_D * np.nan, "clamped values not set": 0 * u_D}.get(bug, u_D)
     rows, g, lengths = of_means(level) if method == "cells" else of_nodes(level)
     side = level.cells.side.to_numpy() if method == "cells" else level.side_of_nodes
@@ -209,7 +223,8 @@ def solved(level, bug="", method="cells"):
 
 def handed_in(level, bug, method, u, mu):
     """What the author writes into files."""
-    random, (x, y) = np.random.default_rng(1), level.points.T
+    random = np.random.default_rng(1)
+    (x, y) = level.points.T
     if bug == "u doubled":
         u = 2 * u
     if bug == "nodes shuffled":
@@ -219,8 +234,10 @@ def handed_in(level, bug, method, u, mu):
     if bug == "x and y exchanged":
         x, y = y, x
     if bug == "noise":
-        u, mu = (each + 1e-10 * random.standard_normal(len(each)) for each in (u, mu))
-    table, cells = pd.DataFrame({"x": x, "y": y, "u": u}), level.cells[["start", "end"]]
+        u = u + 1e-10 * random.standard_normal(len(u))
+        mu = mu + 1e-10 * random.standard_normal(len(mu))
+    table = pd.DataFrame({"x": x, "y": y, "u": u})
+    cells = level.cells[["start", "end"]]
     lengths = (cells.end - cells.start).to_numpy()
     if method == "cells":
         return table, cells.assign(multiplier=mu * (lengths if bug == "lambda integrated" else 1))

@@ -22,13 +22,18 @@ from conftest import ROOT
 
 from unilateral.arrays import Array
 from unilateral.cli import main
-from unilateral.discrete.condensed import CondensedProblem, solve
+from unilateral.discrete.condensed import CondensedProblem, solve_condensed_problem
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import constant
-from unilateral.exchange.diagnosis import judged
-from unilateral.exchange.exported_folder import ExportedLevel, Foreign, exported, foreign
+from unilateral.exchange.boundary_function import piecewise_constant
+from unilateral.exchange.diagnosis import diagnose_solution
+from unilateral.exchange.exported_folder import (
+    ExportedLevel,
+    ForeignSolution,
+    read_exported_folder,
+    read_foreign_solution,
+)
 from unilateral.exchange.fault import UNEXPLAINED
-from unilateral.exchange.score import solve_level
+from unilateral.exchange.score import solve_reference
 from unilateral.norms.dual import Errors
 from unilateral.problems.problem import Problem
 
@@ -179,8 +184,8 @@ class Solved(NamedTuple):
         for file, columns in zip(files, (u, cells), strict=True):
             if columns is not None:
                 columns.to_csv(file, index=False)
-        found = foreign([self.level], str(files[0]), None if cells is None else str(files[1]))
-        return judged(self.case, found, self.discrete, self.own, self.u_h)
+        found = read_foreign_solution([self.level], str(files[0]), None if cells is None else str(files[1]))
+        return diagnose_solution(self.case, found, self.discrete, self.own, self.u_h)
 
 
 @pytest.fixture(scope="module")
@@ -196,8 +201,8 @@ def seen(tmp_path_factory):
             polygon.write_text("polygon: [[0, 0], [2, 0], [1/2, 3/2], [-1, 1]]\n")
             options = ["--polygon", str(polygon), "--free-sides", "2,3", "--h", "1/8", "--H", "1/4"]
         assert main(["export", "thirds" if name == "own" else name, *options, "--out", str(folder)]) == 0
-        case, (level,) = exported(folder)
-        own = solve_level(case, level)
+        case, (level,) = read_exported_folder(folder)
+        own = solve_reference(case, level)
         return Solved(case, level, own.discrete, own.u_h, own.errors, author.read(folder, level.name))
 
     return made
@@ -209,7 +214,7 @@ def outcome(bug, found):
     if not found.faults:
         remarks = ["remark" if any(map(each.startswith, names)) else each for each in found.remarks]
         return ", ".join(remarks) or "-"
-    words = {_word(names, fault.what) for fault in found.faults}
+    words = {_word(names, fault.description) for fault in found.faults}
     known = [word for word in ("?", "either", "named") if word in words]
     return known[0] if len(known) == len(words) else str(words)
 
@@ -244,7 +249,7 @@ def test_a_bug_is_named_or_not_known(seen, tmp_path, name, method):
 def test_what_is_not_named_says_what_it_may_be(seen, tmp_path, method):
     """An iteration that stopped early is a right solution for another g, so that nobody can tell."""
     (found,) = seen("natural").judged(tmp_path, "stopped early", method).faults
-    assert "the iteration stopped too early, or g or the contact conditions differ" in found.what
+    assert "the iteration stopped too early, or g or the contact conditions differ" in found.description
 
 
 def test_every_name_is_in_the_documents():
@@ -258,17 +263,22 @@ def test_no_bug_is_named_by_chance(seen):
 
     Nor does any explain u + c beside the right multiplier, or u = 0: no matrix or load of the table has them.
     """
-    of, random = seen("natural"), np.random.default_rng(3)
+    of = seen("natural")
+    random = np.random.default_rng(3)
     for size in (1e-12, 1e-6, 1e-3, 1.0):
         u = of.u_h + size * random.standard_normal(len(of.u_h))
-        found = judged(of.case, Foreign("", of.level, u, None, ""), of.discrete, of.own, of.u_h)
-        assert all(not fault.explained for fault in found.faults)
+        found = diagnose_solution(
+            of.case, ForeignSolution("", of.level, u, None, ""), of.discrete, of.own, of.u_h
+        )
+        assert all(not fault.is_explained for fault in found.faults)
         assert bool(found.faults) == (size >= 1e-3)
         assert found.remarks == []
-    right = constant(of.level.cells, solve(of.discrete).lambda_H)
+    right = piecewise_constant(of.level.partition, solve_condensed_problem(of.discrete).lambda_H)
     for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
-        found = judged(of.case, Foreign("", of.level, u, right, ""), of.discrete, of.own, of.u_h)
-        assert [fault.explained for fault in found.faults] == [False]
+        found = diagnose_solution(
+            of.case, ForeignSolution("", of.level, u, right, ""), of.discrete, of.own, of.u_h
+        )
+        assert [fault.is_explained for fault in found.faults] == [False]
 
 
 def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
@@ -277,10 +287,12 @@ def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
     The printed factor may be off by the discretisation error of u_h, which is of order h^2 inside.
     """
     of = seen("natural")
-    found = judged(of.case, Foreign("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h)
+    found = diagnose_solution(
+        of.case, ForeignSolution("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h
+    )
     (fault,) = found.faults
-    assert fault.what == "the stiffness term (grad u, grad v) has the wrong scale"
-    assert float(fault.measured.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
+    assert fault.description == "the stiffness term (grad u, grad v) has the wrong scale"
+    assert float(fault.detail.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
 
 
 def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
@@ -289,9 +301,11 @@ def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
     u, cells = author.solved(of.author, "mass term missing")
     level = of.level
     for multiplier, explained in ((-cells.multiplier, [True, True]), (cells.multiplier + 1, [False])):
-        mu = constant(level.cells, multiplier.to_numpy())
-        found = judged(of.case, Foreign("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h)
-        assert [fault.explained for fault in found.faults] == explained
+        mu = piecewise_constant(level.partition, multiplier.to_numpy())
+        found = diagnose_solution(
+            of.case, ForeignSolution("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h
+        )
+        assert [fault.is_explained for fault in found.faults] == explained
 
 
 def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):

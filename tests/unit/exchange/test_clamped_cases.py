@@ -17,10 +17,10 @@ from scipy.sparse.linalg import spsolve
 
 import unilateral as ul
 from unilateral.cli import main
-from unilateral.exchange.boundary_function import constant
-from unilateral.exchange.case_formulas import DEFINITIONS, module
-from unilateral.exchange.exported_folder import exported, foreign
-from unilateral.exchange.score import score
+from unilateral.exchange.boundary_function import piecewise_constant
+from unilateral.exchange.case_formulas import DEFINITIONS, render_case_module
+from unilateral.exchange.exported_folder import read_exported_folder, read_foreign_solution
+from unilateral.exchange.score import score_solution
 from unilateral.fem.p1 import stiffness_and_mass
 
 pytestmark = pytest.mark.usefixtures("levels_solved_once")
@@ -50,8 +50,8 @@ def own(folder):
 
     @cache
     def solved(name):
-        case, levels = exported(folder(name))
-        return case, levels, ul.solve(case, H=levels[-1].cells.H, mesh=levels[-1].mesh)
+        case, levels = read_exported_folder(folder(name))
+        return case, levels, ul.solve(case, H=levels[-1].partition.H, mesh=levels[-1].mesh)
 
     return solved
 
@@ -65,11 +65,13 @@ def scored(own, tmp_path):
         x, y = levels[-1].mesh.points.T
         pd.DataFrame({"x": x, "y": y, "u": u, **nodal}).to_csv(tmp_path / "u.csv", index=False)
         if cells is None:
-            return score(case, foreign(levels, str(tmp_path / "u.csv")))
-        s = levels[-1].cells.points
+            return score_solution(case, read_foreign_solution(levels, str(tmp_path / "u.csv")))
+        s = levels[-1].partition.points
         table = pd.DataFrame({"start": s[:-1], "end": s[1:], "multiplier": cells})
         table.to_csv(tmp_path / "cells.csv", index=False)
-        return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
+        return score_solution(
+            case, read_foreign_solution(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+        )
 
     return scoring
 
@@ -83,11 +85,13 @@ def clamped_nodes(mesh, side):
 @pytest.mark.parametrize("name", CASES)
 def test_the_files_tell_what_is_given_where(folder, name):
     """u_D by its formula at the clamped nodes alone; no g there, and none on cells and edges of the side."""
-    (side, c), problem = CASES[name], json.loads((folder(name) / "problem.json").read_text())
+    (side, c) = CASES[name]
+    problem = json.loads((folder(name) / "problem.json").read_text())
     assert [problem[key] for key in ("clamped_sides", "free_sides", "k", "c")] == [[side], [], 1, c]
     assert [i for i, formula in enumerate(problem["u_D"]) if formula is not None] == [side]
-    case, (*_, level) = exported(folder(name))
-    nodes, cells = (pd.read_csv(folder(name) / f"level_1/{file}.csv") for file in ("nodes", "partition"))
+    case, (*_, level) = read_exported_folder(folder(name))
+    nodes = pd.read_csv(folder(name) / "level_1/nodes.csv")
+    cells = pd.read_csv(folder(name) / "level_1/partition.csv")
     on = clamped_nodes(level.mesh, side)
     assert (np.flatnonzero(nodes.u_D.notna()) == np.sort(on)).all()
     names = {"x": nodes.x[on], "y": nodes.y[on]}
@@ -106,17 +110,18 @@ def test_the_files_tell_what_is_given_where(folder, name):
 @pytest.mark.parametrize("name", CASES)
 def test_the_readme_and_the_modules_tell_the_problem(folder, name):
     """The equation, what is given, and the norm of errors; without clamped sides none of it is there."""
-    (side, c), text = CASES[name], (folder(name) / "README.md").read_text()
+    (side, c) = CASES[name]
+    text = (folder(name) / "README.md").read_text()
     assert f"Clamped sides: {side}. There u = u_D is given, and there is no obstacle and no λ." in text
     assert ("−Δu + u = f in Ω" in text, "−Δu = f in Ω" in text) == (c == 1, c == 0)
     assert ("u in |v|_1 = (∫ |∇v|²)^(1/2)." if c == 0 else "u in ||v||_1 = (∫ |∇v|² + v²)^(1/2).") in text
     assert "{" not in text
     for kind in ("python", "ufl"):
-        head = module(exported(folder(name))[0].exact, kind).split('"""')[1]
+        head = render_case_module(read_exported_folder(folder(name))[0].exact, kind).split('"""')[1]
         equation = "-lap u + u = f" if c else "-lap u = f"
         assert f"{equation}; on the boundary" in head
         assert f"but u = g on the sides {side}.\n" in head
-    assert "clamped" not in module(ul.case("natural").exact, "python")
+    assert "clamped" not in render_case_module(ul.case("natural").exact, "python")
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -157,7 +162,7 @@ def test_scikit_fem_solves_what_is_exported(folder, tmp_path, run, name):
 
     A problem with another right-hand side, or without u_D, would be told.
     """
-    _, levels = exported(folder(name))
+    _, levels = read_exported_folder(folder(name))
     for level in levels:
         table = driver().solved(folder(name) / level.name, CASES[name][1])
         table.to_csv(tmp_path / f"{level.name}.csv", index=False)
@@ -192,12 +197,14 @@ def test_own_files_are_scored_though_they_have_no_multiplier_on_clamped_sides(
 def test_nothing_is_asked_of_a_multiplier_on_clamped_sides(own, scored, name):
     """Whatever stands there, on cells or as reactions at nodes, changes no error and is no fault."""
     _, levels, solution = own(name)
-    mesh, cells, mu = levels[-1].mesh, levels[-1].cells, solution.multiplier
+    mesh = levels[-1].mesh
+    cells = levels[-1].partition
+    mu = solution.multiplier
     right = scored(name, solution.u, mu)
     at = scored(name, solution.u, np.where(cells.side == CASES[name][0], 7.0, mu))
     assert (at.errors, at.faults) == (right.errors, [])
     reactions = np.zeros(mesh.n_nodes)
-    reactions[mesh.boundary] = constant(cells, np.nan_to_num(mu)).load(mesh)
+    reactions[mesh.boundary] = piecewise_constant(cells, np.nan_to_num(mu)).load(mesh)
     plain = scored(name, solution.u, reaction=reactions)
     reactions[clamped_nodes(mesh, CASES[name][0])] = 7.0
     other = scored(name, solution.u, reaction=reactions)
@@ -215,7 +222,8 @@ def test_a_spoilt_value_at_a_clamped_node_is_named_with_its_place(own, scored, n
     _, levels, solution = own(name)
     mesh = levels[-1].mesh
     node = clamped_nodes(mesh, CASES[name][0])[2]
-    u, (x, y) = solution.u.copy(), mesh.points[node]
+    u = solution.u.copy()
+    (x, y) = mesh.points[node]
     u[node] += size * np.abs(u).max()
     for cells in (None, solution.multiplier):
         (fault,) = scored(name, u, cells).faults
@@ -258,7 +266,8 @@ def test_a_clamped_side_that_is_left_free_is_named(own, folder, tmp_path, run, n
 @pytest.mark.parametrize("name", CASES)
 def test_a_spoilt_multiplier_is_named(own, scored, name):
     _, _, solution = own(name)
-    u, mu = solution.u, solution.multiplier
+    u = solution.u
+    mu = solution.multiplier
     for wrong, said in (
         (-mu, "the multiplier has the wrong sign: -1 times"),
         (2 * mu, "the wrong scale: 2 "),

@@ -13,18 +13,19 @@ import numpy as np
 import pytest
 from conftest import ROOT, discrete, load
 
-from unilateral.discrete.condensed import solve
-from unilateral.exchange.boundary_function import constant, continuous, of_reactions
-from unilateral.exchange.diagnosis import judged
-from unilateral.exchange.discrete_conditions import Equal, Reversed, conditions
-from unilateral.exchange.equation_residual import loads
-from unilateral.exchange.exported_folder import ExportedLevel, Foreign
-from unilateral.exchange.score import score, solve_level
+from unilateral.discrete.condensed import solve_condensed_problem
+from unilateral.exchange.boundary_function import piecewise_constant, piecewise_linear, represent_reactions
+from unilateral.exchange.diagnosis import diagnose_solution
+from unilateral.exchange.discrete_conditions import EqualityConditions, ReversedConditions, list_conditions
+from unilateral.exchange.equation_residual import list_candidate_loads
+from unilateral.exchange.exported_folder import ExportedLevel, ForeignSolution
+from unilateral.exchange.score import score_solution, solve_reference
 from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
-from unilateral.solvers.active_set import active_set
+from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.stop import Stop
 
-N, M = 16, 8
+N = 16
+M = 8
 SMALLEST = {
     "u times 1 + s": (8e-4, "or u has the wrong scale"),
     "λ times 1 + s": (1e-5, "the multiplier has the wrong scale"),
@@ -48,21 +49,25 @@ def problem():
 @cache
 def own():
     """u, lambda_H and the errors of this project."""
-    solved = solve(problem())
-    return solved.u_h, solved.lambda_H, solve_level(load("natural").problem, given(solved.u_h).level).errors
+    solved = solve_condensed_problem(problem())
+    return (
+        solved.u_h,
+        solved.lambda_H,
+        solve_reference(load("natural").problem, given(solved.u_h).level).errors,
+    )
 
 
 def given(u, mu=None):
-    return Foreign("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
+    return ForeignSolution("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
 
 
 def told(u, mu=None):
-    found = judged(load("natural").problem, given(u, mu), problem(), own()[2], own()[0])
+    found = diagnose_solution(load("natural").problem, given(u, mu), problem(), own()[2], own()[0])
     return [str(fault) for fault in found.faults]
 
 
 def on_cells(values):
-    return constant(problem().partition, values)
+    return piecewise_constant(problem().partition, values)
 
 
 def spoilt(how, s):
@@ -77,26 +82,30 @@ def spoilt(how, s):
     if how.startswith("g"):
         of = problem()
         other = replace(of, offset=of.offset - s, g_means=of.g_means + s, exact=None, data=None)
-        found = solve(other, Stop(tolerance=1e-7))
+        found = solve_condensed_problem(other, Stop(tolerance=1e-7))
         return found.u_h, on_cells(found.lambda_H)
     return uzawa(s * errors.hm12_lower) if how.startswith("Uzawa") else (jacobi(s * errors.h1), on_cells(mu))
 
 
 def uzawa(distance):
     """The first of Uzawa's iterates from 0 for whose u ||u - u_h||_1 is at most that distance."""
-    of, operator = problem(), problem().spaces.operator
-    exact = active_set(operator, of.offset, 1e-10).lambda_H
+    of = problem()
+    operator = problem().spaces.operator
+    exact = solve_by_active_set(operator, of.offset, 1e-10).lambda_H
     mu = np.zeros(len(of.offset))
-    while np.linalg.norm(operator.half @ (mu - exact)) > distance:
+    while np.linalg.norm(operator.D_factor @ (mu - exact)) > distance:
         mu = np.maximum(0, mu - operator.gap(mu, of.offset) / operator.lambda_max)
     return of.spaces.response(of.load, mu), on_cells(mu)
 
 
 def jacobi(distance):
     """The first of Jacobi's iterates from 0 inside, u_h on the boundary, that is as near to u_h."""
-    of, (u_h, _, _) = problem(), own()
-    A, boundary = of.spaces.condensed.A, of.mesh.boundary
-    u, inside = np.zeros(len(u_h)), np.setdiff1d(np.arange(len(u_h)), boundary)
+    of = problem()
+    (u_h, _, _) = own()
+    A = of.spaces.condensed.A
+    boundary = of.mesh.boundary
+    u = np.zeros(len(u_h))
+    inside = np.setdiff1d(np.arange(len(u_h)), boundary)
     u[boundary] = u_h[boundary]
     while (u - u_h) @ (A @ (u - u_h)) > distance**2:
         u[inside] += ((of.load - A @ u) / A.diagonal())[inside]
@@ -128,14 +137,14 @@ def of_load(of, reactions):
 def solutions_with(conditions_of):
     """u, reactions (nb,) and what is >= 0, for all conditions that a multiplier may belong to."""
     of = problem()
-    for each in conditions(load("natural").problem, of, conditions_of):
+    for each in list_conditions(load("natural").problem, of, conditions_of):
         reactions, bound = each.multiplier_load(*without_multiplier(of), 1e-9)
         assert bound <= 1e-9
-        yield of_load(of, reactions), reactions, each.what
+        yield of_load(of, reactions), reactions, each.description
 
 
 def on_edges():
-    return continuous(problem().mesh, np.zeros(len(problem().mesh.boundary)))
+    return piecewise_linear(problem().mesh, np.zeros(len(problem().mesh.boundary)))
 
 
 def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
@@ -144,11 +153,11 @@ def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
     seen = []
     for u, reactions, what in solutions_with(on_edges()):
         seen.append(what)
-        assert told(u, of_reactions(problem().mesh, reactions)) == []
-        (fault,) = told(u, continuous(problem().mesh, reactions / masses))
+        assert told(u, represent_reactions(problem().mesh, reactions)) == []
+        (fault,) = told(u, piecewise_linear(problem().mesh, reactions / masses))
         assert "lumped" in fault
         for factor in (-1, 1.01):
-            lumped, scaled = told(u, continuous(problem().mesh, factor * reactions / masses))
+            lumped, scaled = told(u, piecewise_linear(problem().mesh, factor * reactions / masses))
             assert "lumped" in lumped
             assert f"{factor:g} times" in scaled
     assert seen == ["at the nodes", "tested against each hat function"]
@@ -156,16 +165,18 @@ def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
 
 def test_the_conditions_are_what_they_say():
     """Signs and complementarity, by g itself: its values, and Simpson's rule on each half of an edge."""
-    mesh, case = problem().mesh, load("natural").problem
+    mesh = problem().mesh
+    case = load("natural").problem
     starts = mesh.polygon.starts[mesh.side]
     for u, reactions, what in solutions_with(on_edges()):
         value = u[mesh.boundary]
         if what == "at the nodes":
-            exact, _, gap = case.exact.boundary(mesh.side, mesh.s[:-1] - starts)
+            exact, _, gap = case.exact.trace_flux_and_gap(mesh.side, mesh.s[:-1] - starts)
             gaps = value - (exact - gap)
         else:
             mu = np.linalg.solve(boundary_mass(mesh).toarray(), reactions)
-            reactions, gaps = mu, moments(mesh, case, value)
+            reactions = mu
+            gaps = moments(mesh, case, value)
         # The case's transition is at a node; Simpson's rule is of fourth order but for a power 3/2 there.
         assert reactions.min() >= -1e-10
         assert gaps.min() >= -1e-5
@@ -174,12 +185,13 @@ def test_the_conditions_are_what_they_say():
 
 def moments(mesh, case, value):
     """Integrals of (v - g) phi_j, v P1 with the values (nb,)."""
-    found, k = np.zeros(len(value)), 40
+    found = np.zeros(len(value))
+    k = 40
     x = (np.arange(k) + 0.5) / k
     for edge, length in enumerate(np.diff(mesh.s)):
         side = np.full(k, mesh.side[edge])
         s = mesh.s[edge] - mesh.polygon.starts[mesh.side[edge]] + x * length
-        exact, _, gap = case.exact.boundary(side, s)
+        exact, _, gap = case.exact.trace_flux_and_gap(side, s)
         after = (edge + 1) % len(value)
         difference = (1 - x) * value[edge] + x * value[after] - (exact - gap)
         found[edge] += length / k * np.sum(difference * (1 - x))
@@ -192,17 +204,20 @@ def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
 
     By the mass matrix, which integrates products of P1 functions; the others must differ.
     """
-    of, mass = problem(), stiffness_and_mass(problem().mesh)[1]
+    of = problem()
+    mass = stiffness_and_mass(problem().mesh)[1]
     for f, exact in ((lambda p: 1 + 0 * p[:, 0], 4), (lambda p: 1 + 2 * p[:, 0] - 3 * p[:, 1], 2)):
-        found = [load for name, load in loads(SimpleNamespace(source=f), of) if name]
+        found = [load for name, load in list_candidate_loads(SimpleNamespace(source=f), of) if name]
         right = [np.allclose(load, mass @ f(of.mesh.points), rtol=0, atol=1e-15) for load in found]
         assert (len(found), sum(right), right[0], right[-1]) == (4, exact, True, True)
 
 
 def test_two_swapped_nodes_are_placed():
     """Two inner ones, about which the equation holds least."""
-    u, mesh = own()[0], problem().mesh
-    one, other = (int(np.argmin(np.hypot(*(mesh.points - at).T))) for at in ([0.25, 0.25], [0.75, 0.5]))
+    u = own()[0]
+    mesh = problem().mesh
+    one = int(np.argmin(np.hypot(*(mesh.points - [0.25, 0.25]).T)))
+    other = int(np.argmin(np.hypot(*(mesh.points - [0.75, 0.5]).T)))
     swapped = u.copy()
     swapped[[one, other]] = u[[other, one]]
     (fault,) = told(swapped)
@@ -216,7 +231,8 @@ def test_wrong_values_are_not_called_right_ones_at_other_nodes(size):
 
     What tells is the distance in L2, about 0.0025 for this project's u_h: that in H1 is 0.19.
     """
-    u, (x, y) = own()[0], problem().mesh.points.T
+    u = own()[0]
+    (x, y) = problem().mesh.points.T
     shuffled = np.random.default_rng(4).permutation(u)
     assert "at other nodes" in told(shuffled)[0]
     for wrong in ((1 + size) * shuffled, u + size * np.sin(3 * x) * np.sin(2 * y)):
@@ -266,7 +282,8 @@ def test_a_multiplier_of_zeros_has_no_scale():
 
 def test_the_distance_from_a_right_solution_is_a_lower_bound():
     """As printed, by the true distance in H1; rounded to the nearest, some would not be."""
-    u_h, A = own()[0], problem().spaces.condensed.A
+    u_h = own()[0]
+    A = problem().spaces.condensed.A
     nearest_is_above = []
     for s in np.linspace(0.01, 0.02, 5):
         u, mu = spoilt("g + s in place of g", s)
@@ -283,9 +300,10 @@ def test_what_is_not_known_of_a_factor_is_rounded_up():
     u, mu, _ = own()
     operator = problem().spaces.operator
     noise = np.random.default_rng(5).standard_normal(len(mu))
-    half_mu, half = operator.half @ mu, operator.half @ noise
+    half_mu = operator.D_factor @ mu
+    half = operator.D_factor @ noise
     noise -= (half @ half_mu) / (half_mu @ half_mu) * mu
-    noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.half @ noise)
+    noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.D_factor @ noise)
     nearest_is_below = []
     for size in (1.2e-4, 1.4e-4, 1.7e-4):
         (fault,) = told(u, on_cells(-2 * mu + size * noise))
@@ -305,8 +323,8 @@ def test_sentences_of_a_fault_have_one_colon():
         *told(u, on_cells(mu + 1)),
         *told(u, on_cells(0 * mu)),
     ]
-    for each in (Equal, Reversed):
-        (right,) = conditions(load("natural").problem, problem(), on_cells(mu))
+    for each in (EqualityConditions, ReversedConditions):
+        (right,) = list_conditions(load("natural").problem, problem(), on_cells(mu))
         reactions, _ = each(**vars(right)).multiplier_load(*without_multiplier(problem()), 1e-9)
         wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
         faults += told(of_load(problem(), reactions), on_cells(wrong))
@@ -336,13 +354,19 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
 
     A test of errors' sizes would fail here: they are as large as the solution.
     """
-    of, case = discrete(name, *sizes), load(name).problem
-    solved, level = solve(of), ExportedLevel("level_0", of.mesh, of.partition)
-    one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
+    of = discrete(name, *sizes)
+    case = load(name).problem
+    solved = solve_condensed_problem(of)
+    level = ExportedLevel("level_0", of.mesh, of.partition)
+    one = score_solution(
+        case,
+        ForeignSolution("file", level, solved.u_h, piecewise_constant(of.partition, solved.lambda_H), ""),
+    )
     assert one.faults == []
-    nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))
-    for each in conditions(case, of, nothing):
+    nothing = piecewise_linear(of.mesh, np.zeros(len(of.mesh.boundary)))
+    for each in list_conditions(case, of, nothing):
         reactions, _ = each.multiplier_load(*without_multiplier(of), 1e-6)
-        u, mu = of_load(of, reactions), of_reactions(of.mesh, reactions)
-        handed_in = Foreign("file", level, u, mu, "")
-        assert judged(case, handed_in, of, one.own, solved.u_h) == ([], [])
+        u = of_load(of, reactions)
+        mu = represent_reactions(of.mesh, reactions)
+        handed_in = ForeignSolution("file", level, u, mu, "")
+        assert diagnose_solution(case, handed_in, of, one.reference_errors, solved.u_h) == ([], [])

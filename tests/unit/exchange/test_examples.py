@@ -18,11 +18,12 @@ from conftest import ROOT, discrete
 from benchmarks import plan
 from unilateral.cli import main
 from unilateral.exchange.equation_residual import Residual
-from unilateral.exchange.exported_folder import exported, foreign
+from unilateral.exchange.exported_folder import read_exported_folder, read_foreign_solution
 
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")
 DRIVERS = PLAN["scores"]["drivers"]
-MOST_LINES, MISSING = 80, 5
+MOST_LINES = 80
+MISSING = 5
 PYTHON = {solver: shutil.which(plan.interpreter(PLAN, solver)) or sys.executable for solver in DRIVERS}
 
 
@@ -33,7 +34,8 @@ def text(solver):
 @pytest.fixture(scope="module", params=DRIVERS)
 def told(request, tmp_path_factory):
     """The exported folder and what `score --json` says, after the commands in the driver's first lines."""
-    solver, folder = request.param, tmp_path_factory.mktemp("driver")
+    solver = request.param
+    folder = tmp_path_factory.mktemp("driver")
     (folder / "examples").symlink_to(ROOT / "examples")
     head = text(solver).split('"""')[1].replace("\\\n", " ")
     export, solve, score = re.findall(r"^    (unilateral .*|python .*)$", head, re.MULTILINE)
@@ -94,8 +96,8 @@ def test_a_driver_reaches_the_proved_rates(told):
 def test_a_driver_has_the_load_of_the_exported_quadrature(told):
     """Its equation holds inside up to rounding. Corners of triangles in another order would miss by 1e-3."""
     folder, words, _ = told
-    _, levels = exported(folder / "natural")
+    _, levels = read_exported_folder(folder / "natural")
     for file, n in zip(words[1:4], (8, 16, 32), strict=True):
         problem = discrete("natural", n, n // 2)
-        of = Residual(problem, foreign(levels, str(folder / file)).u, problem.load)
-        assert of.inside <= 1e-10 * of.discrete.exact.ritz.u_norm
+        of = Residual(problem, read_foreign_solution(levels, str(folder / file)).u, problem.load)
+        assert of.interior_norm <= 1e-10 * of.discrete.exact.ritz.u_norm

@@ -16,13 +16,13 @@ import unilateral as ul
 from unilateral.cli import main
 from unilateral.errors import StorageError
 from unilateral.exchange import export as exporting
-from unilateral.exchange.boundary_function import obstacle
-from unilateral.exchange.case_formulas import DEFINITIONS, formulas
-from unilateral.exchange.export import LEVEL_FILES, export
-from unilateral.exchange.exported_folder import exported
+from unilateral.exchange.boundary_function import obstacle_at_nodes
+from unilateral.exchange.case_formulas import DEFINITIONS, derive_case_formulas
+from unilateral.exchange.export import LEVEL_FILES, export_case
+from unilateral.exchange.exported_folder import read_exported_folder
 from unilateral.fem.p1 import case_moments, load_vector
 from unilateral.geometry import files, polygon
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import case as cases
 
 
@@ -48,7 +48,7 @@ def test_what_is_written_is_told_a_line_for_each_folder(run, tmp_path):
 
 def test_a_case_without_closed_formulas_says_so():
     """A Cantor family is no single formula."""
-    assert formulas(load("violates_jjj"))["u"] is None
+    assert derive_case_formulas(load("violates_jjj"))["u"] is None
 
 
 def test_every_level_has_its_files(folder):
@@ -59,11 +59,12 @@ def test_every_level_has_its_files(folder):
     for level in problem["levels"]:
         assert {file.name for file in (folder / level["folder"]).iterdir()} == set(LEVEL_FILES)
         assert f"| {level['folder']} |" in (folder / "README.md").read_text()
-    assert cases.load(folder / "natural.yaml", polygon.square()).name == "natural"
+    assert cases.load_solution(folder / "natural.yaml", polygon.square()).name == "natural"
 
 
 def test_both_mesh_files_hold_the_same_mesh(folder):
-    one, other = (meshio.read(folder / "level_1" / name) for name in ("mesh.msh", "mesh.vtu"))
+    one = meshio.read(folder / "level_1" / "mesh.msh")
+    other = meshio.read(folder / "level_1" / "mesh.vtu")
     np.testing.assert_array_equal(one.points, other.points)
     np.testing.assert_array_equal(one.cells_dict["triangle"], other.cells_dict["triangle"])
     sides = other.cell_data_dict["side"]["line"]
@@ -72,7 +73,8 @@ def test_both_mesh_files_hold_the_same_mesh(folder):
 
 def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
     """By this project's own load, and the means in partition.csv; a point too few would show."""
-    level, case = folder / "level_1", load("natural")
+    level = folder / "level_1"
+    case = load("natural")
     mesh = files.read_mesh(level / "mesh.vtu", case.polygon)
     rule = xr.load_dataset(level / "quadrature.nc")
     nodes = pd.read_csv(level / "nodes.csv")
@@ -89,7 +91,7 @@ def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
 
 
 def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
-    own = structured(polygon.square(), 1 / 3)
+    own = make_structured_mesh(polygon.square(), 1 / 3)
     files.write_mesh(own, tmp_path / "own.msh")
     options = ["--H", "1/3", "--levels", "2", "--out", str(tmp_path / "out")]
     assert main(["export", "full_contact", "--mesh", str(tmp_path / "own.msh"), *options]) == 0
@@ -125,17 +127,18 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
     options = ["--polygon", str(tmp_path / "own.yaml"), "--free-sides", "2,3", "--h", "1/8", "--H", "1/4"]
     folder = str(tmp_path / "out")
     assert main(["export", "thirds", *options, "--levels", "2", "--out", folder]) == 0
-    case, levels = exported(folder)
+    case, levels = read_exported_folder(folder)
     np.testing.assert_array_equal(case.polygon.vertices, [[0, 0], [2, 0], [0.5, 1.5], [-1, 1]])
     assert (case.exact.side, case.free_sides) == (0, (2, 3))
     assert "On the sides 2, 3 there is no obstacle" in (tmp_path / "out/README.md").read_text()
-    nodes, cells = (pd.read_csv(f"{folder}/level_1/{name}.csv") for name in ("nodes", "partition"))
+    nodes = pd.read_csv(f"{folder}/level_1/nodes.csv")
+    cells = pd.read_csv(f"{folder}/level_1/partition.csv")
     vertices = case.polygon.starts
     assert nodes.g[nodes.s == 0].notna().all()  # between side 3, free, and side 0
     assert nodes.g[nodes.s > vertices[2]].isna().all()
     assert nodes.g[nodes.s <= vertices[2]].notna().all()
     assert (cells.g_mean.isna() == cells.side.isin([2, 3])).all()
-    solved = ul.solve(case, H=levels[1].cells.H, mesh=levels[1].mesh)
+    solved = ul.solve(case, H=levels[1].partition.H, mesh=levels[1].mesh)
     solved.save(tmp_path / "solution.nc")
     assert main(["score", folder, str(tmp_path / "solution.nc"), "--json"]) == 0
     (one,) = json.loads(capsys.readouterr().out.splitlines()[-1])["solutions"]
@@ -146,10 +149,12 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
 @pytest.mark.parametrize("free", [(0,), (2,), (3,), (0, 3), (1, 3)])
 def test_g_is_asked_for_at_the_ends_of_held_sides(free):
     """Of `no_contact`, by its formula on each side; between two free sides and inside them there is none."""
-    case, mesh = ul.case("no_contact", "square", 0, free), structured(polygon.square(), 1 / 4)
-    names, told = {}, formulas(case.exact)
+    case = ul.case("no_contact", "square", 0, free)
+    mesh = make_structured_mesh(polygon.square(), 1 / 4)
+    names = {}
+    told = derive_case_formulas(case.exact)
     exec(DEFINITIONS, names)
-    for node, g in zip(mesh.points[mesh.boundary], obstacle(case, mesh), strict=True):
+    for node, g in zip(mesh.points[mesh.boundary], obstacle_at_nodes(case, mesh), strict=True):
         x, y = node
         on = [i for i, at in enumerate((y == 0, x == 1, y == 1, x == 0)) if at and i not in free]
         values = [eval(told["g"][i], {**names, "x": x, "y": y}) for i in on]
@@ -160,9 +165,9 @@ def test_a_side_is_where_the_case_is(tmp_path):
     """`thirds` on side 4 of the L-shape, which is 2 long, has its contact from 1/3 to 7/12 of that."""
     options = ("--polygon", "lshape", "--side", "4", "--h", "1/4", "--H", "1/2")
     assert main(["export", "thirds", *options, "--out", str(tmp_path / "out")]) == 0
-    case, _ = exported(tmp_path / "out")
+    case, _ = read_exported_folder(tmp_path / "out")
     t = np.array([0.3, 0.4, 0.57, 0.6])
-    _, flux, _ = case.exact.boundary(np.full(4, 4), 2 * t)
+    _, flux, _ = case.exact.trace_flux_and_gap(np.full(4, 4), 2 * t)
     assert (flux > 1e-9).tolist() == [False, True, True, False]  # but for rounding
     problem = json.loads((tmp_path / "out/problem.json").read_text())
     assert {point["side"] for point in problem["lambda_is_a_fractional_power_at"]} == {4}
@@ -177,22 +182,27 @@ def test_a_folder_that_is_there_is_not_touched(folder, refused):
 
 def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
     """The second level's cells cannot be written."""
-    monkeypatch.setattr("unilateral.exchange.export.of_cells", lambda cells, **_: 1 / (cells.n_cells - 8))
+    monkeypatch.setattr(
+        "unilateral.exchange.export.make_cell_columns", lambda cells, **_: 1 / (cells.n_cells - 8)
+    )
     with pytest.raises((ZeroDivisionError, AttributeError)):
-        export(load("natural").problem, structured(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out")
+        export_case(
+            load("natural").problem, make_structured_mesh(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out"
+        )
     assert not list(tmp_path.iterdir())
 
 
 def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, refused, monkeypatch):
     """The quicker one's folder appears while the slower one writes."""
-    out, write = tmp_path / "out", exporting._write
+    out = tmp_path / "out"
+    write = exporting._write_folder
 
     def overtaken(*arguments):
         write(*arguments)
         out.mkdir()
         (out / "problem.json").write_text("{}")
 
-    monkeypatch.setattr(exporting, "_write", overtaken)
+    monkeypatch.setattr(exporting, "_write_folder", overtaken)
     said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", out)
     assert said == f"unilateral: {out} exists already; name a new folder\n"
     assert [file.name for file in (*tmp_path.iterdir(), *out.iterdir())] == ["out", "problem.json"]
@@ -206,5 +216,7 @@ def test_a_full_disk_is_told_of_the_file_that_was_to_be_there(tmp_path, monkeypa
 
     monkeypatch.setattr(exporting, "write_mesh", full)
     with sentences.raises(StorageError, f"{tmp_path}/out/level_0/mesh.msh"):
-        export(load("natural").problem, structured(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out")
+        export_case(
+            load("natural").problem, make_structured_mesh(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out"
+        )
     assert not list(tmp_path.iterdir())

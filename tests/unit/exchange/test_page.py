@@ -9,13 +9,13 @@ from math import nan
 import pytest
 from conftest import discrete, load
 
-from unilateral.discrete.condensed import solve
-from unilateral.exchange.boundary_function import constant
-from unilateral.exchange.diagnosis import Judged
-from unilateral.exchange.exported_folder import ExportedLevel, Foreign
+from unilateral.discrete.condensed import solve_condensed_problem
+from unilateral.exchange.boundary_function import piecewise_constant
+from unilateral.exchange.diagnosis import Diagnosis
+from unilateral.exchange.exported_folder import ExportedLevel, ForeignSolution
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.page import page
-from unilateral.exchange.score import Rate, holds, rates, score, verdict
+from unilateral.exchange.page import render_score_page
+from unilateral.exchange.score import Rate, compute_rates, passes_judgement, score_solution, state_verdict
 
 pytestmark = pytest.mark.usefixtures("levels_solved_once")
 VERDICT = "reaches the proved rates"
@@ -28,15 +28,19 @@ def scored(name, with_multiplier=True):
     found = []
     for k, n in enumerate((8, 16)):
         of = discrete(name, n, n // 2)
-        solved = solve(of)
-        mu = constant(of.partition, solved.lambda_H) if with_multiplier else None
+        solved = solve_condensed_problem(of)
+        mu = piecewise_constant(of.partition, solved.lambda_H) if with_multiplier else None
         level = ExportedLevel(f"level_{k}", of.mesh, of.partition)
-        found.append(score(load(name).problem, Foreign("file", level, solved.u_h, mu, "constant on cells")))
+        found.append(
+            score_solution(
+                load(name).problem, ForeignSolution("file", level, solved.u_h, mu, "constant on cells")
+            )
+        )
     return found
 
 
 def written(name, found):
-    return page(load(name).problem, found, rates(load(name).problem, found))
+    return render_score_page(load(name).problem, found, compute_rates(load(name).problem, found))
 
 
 class Seen(HTMLParser):
@@ -44,7 +48,10 @@ class Seen(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.cells, self.asked, self.open = [], [], [], []
+        self.tags = []
+        self.cells = []
+        self.asked = []
+        self.open = []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
@@ -79,15 +86,15 @@ def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
     assert not re.search(r"url\((?!#)|@import", text)
     assert f"{found[-1].errors.h1:.4g}" in seen.cells
     assert ("-" in seen.cells) == (not with_multiplier or name == "rough")
-    assert verdict(found, rates(load(name).problem, found)) in text
+    assert state_verdict(found, compute_rates(load(name).problem, found)) in text
     assert "nan" not in seen.cells
 
 
 def test_where_no_rate_is_proved_the_page_has_none():
     """Control: one that is proved, in the other norms."""
-    known = rates(load("natural").problem, scored("natural"))
+    known = compute_rates(load("natural").problem, scored("natural"))
     cells = Seen(
-        page(load("natural").problem, scored("natural"), known | {"h1": Rate(0.5, 1, 0.7, nan)})
+        render_score_page(load("natural").problem, scored("natural"), known | {"h1": Rate(0.5, 1, 0.7, nan)})
     ).cells
     assert cells[-15:-10] == ["u in H¹", "0.50", "0.70", "-", "no rate is proved"]
     assert cells[-2:] == ["0.5", "reaches the proved rate"]
@@ -100,10 +107,11 @@ def test_a_page_is_the_same_twice():
 
 def test_faults_and_names_are_told_as_text():
     """Names of files and of levels' folders may hold what HTML takes for markup."""
-    one, image = scored("natural")[-1], "<img src=x onerror=alert(1)>"
-    told = Judged([Fault("<lambda, v>", "& more")], [])
-    level = replace(one.given.level, name=image)
-    spoilt = replace(one, told=told, given=replace(one.given, file="<b>.csv", level=level))
+    one = scored("natural")[-1]
+    image = "<img src=x onerror=alert(1)>"
+    told = Diagnosis([Fault("<lambda, v>", "& more")], [])
+    level = replace(one.solution.level, name=image)
+    spoilt = replace(one, diagnosis=told, solution=replace(one.solution, file="<b>.csv", level=level))
     text = written("natural", [spoilt])
     in_text = "&lt;img src=x onerror=alert(1)&gt;"
     assert f"<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more ({in_text})</li>" in text
@@ -114,18 +122,24 @@ def test_faults_and_names_are_told_as_text():
 
 def test_what_holds():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
-    found, case = scored("natural"), load("natural").problem
-    assert holds(found, rates(case, found))
-    assert not holds([replace(found[0], told=Judged([Fault("wrong", "")], [])), found[1]], rates(case, found))
+    found = scored("natural")
+    case = load("natural").problem
+    assert passes_judgement(found, compute_rates(case, found))
+    assert not passes_judgement(
+        [replace(found[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), found[1]],
+        compute_rates(case, found),
+    )
     same = [replace(each, errors=found[0].errors) for each in found]
-    assert rates(case, same)["h1"].observed == 0
-    assert verdict(same, rates(case, same)) == "falls short of a proved rate"
-    assert not holds(same, rates(case, same))
+    assert compute_rates(case, same)["h1"].observed == 0
+    assert state_verdict(same, compute_rates(case, same)) == "falls short of a proved rate"
+    assert not passes_judgement(same, compute_rates(case, same))
 
 
 def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refused):
     """A wrong ending is told before anything is scored, as is a solution that cannot be."""
-    folder, solution, file = (tmp_path / name for name in ("natural", "solution.vtu", "page.html"))
+    folder = tmp_path / "natural"
+    solution = tmp_path / "solution.vtu"
+    file = tmp_path / "page.html"
     assert run("export", "natural", "--h", "1/8", "--H", "1/4", "--out", folder)[0] == 0
     assert run("solve", "natural", "--h", "1/8", "--H", "1/4", "-o", solution)[0] == 0
     assert ".html" in refused("score", folder, solution, "--html", tmp_path / "page.pdf")

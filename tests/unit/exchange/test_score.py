@@ -17,13 +17,28 @@ import xarray as xr
 from conftest import ROOT, coupled, discrete, load
 
 from unilateral.cli import exchange, main
-from unilateral.discrete.condensed import solve
+from unilateral.discrete.condensed import solve_condensed_problem
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import constant, continuous, of_reactions
-from unilateral.exchange.diagnosis import Judged
-from unilateral.exchange.exported_folder import Foreign, exported, foreign, last_digit
+from unilateral.exchange.boundary_function import piecewise_constant, piecewise_linear, represent_reactions
+from unilateral.exchange.diagnosis import Diagnosis
+from unilateral.exchange.exported_folder import (
+    ForeignSolution,
+    last_digit_unit,
+    read_exported_folder,
+    read_foreign_solution,
+)
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, error_in, holds, rates, score, verdict
+from unilateral.exchange.score import (
+    Extreme,
+    Extremes,
+    Rate,
+    ScoredSolution,
+    compute_rates,
+    passes_judgement,
+    score_solution,
+    select_error,
+    state_verdict,
+)
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
@@ -46,7 +61,7 @@ def folder(tmp_path_factory):
 
 def kept(of):
     """The solution of a case's discrete problem."""
-    return Solution(of.exact.ritz.case.problem, solve(of))
+    return Solution(of.exact.ritz.case.problem, solve_condensed_problem(of))
 
 
 @cache
@@ -57,18 +72,20 @@ def own(n, m):
 @pytest.fixture
 def scored(folder, tmp_path):
     """The score of u and columns beside it, its nodes permuted; cells are (points, values)."""
-    case, levels = exported(folder)
+    case, levels = read_exported_folder(folder)
 
     def scoring(u, cells=None, **nodal):
         points = levels[-1].mesh.points
         table = pd.DataFrame({"x": points[:, 0], "y": points[:, 1], "u": u, **nodal})
         table.sample(frac=1, random_state=1).to_csv(tmp_path / "u.csv", index=False)
         if cells is None:
-            return score(case, foreign(levels, str(tmp_path / "u.csv")))
+            return score_solution(case, read_foreign_solution(levels, str(tmp_path / "u.csv")))
         s, values = cells
         columns = {"start": s[:-1], "end": s[1:], "multiplier": values}
         pd.DataFrame(columns).to_csv(tmp_path / "cells.csv", index=False)
-        return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
+        return score_solution(
+            case, read_foreign_solution(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+        )
 
     return scoring
 
@@ -76,54 +93,56 @@ def scored(folder, tmp_path):
 @pytest.mark.parametrize("ending", [".nc", ".vtu"])
 def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, ending):
     """By `Solution.errors`, which never saw a file. A wrong node, cell or edge would change all three."""
-    case, levels = exported(folder)
+    case, levels = read_exported_folder(folder)
     found = []
     for level, sizes in zip(levels, LEVELS.values(), strict=True):
         solution = own(*sizes)
         solution.save(tmp_path / f"{level.name}{ending}")
-        one = score(case, foreign(levels, str(tmp_path / f"{level.name}{ending}")))
-        assert (one.given.level.name, one.faults) == (level.name, [])
+        one = score_solution(case, read_foreign_solution(levels, str(tmp_path / f"{level.name}{ending}")))
+        assert (one.solution.level.name, one.faults) == (level.name, [])
         # On edges the same function takes other quadrature points; `dual` rounds 1e-9 of the norm of lambda.
         np.testing.assert_allclose(one.errors, solution.errors, rtol=1e-12 if ending == ".nc" else 1e-6)
-        np.testing.assert_allclose(one.own, solution.errors, rtol=1e-12)
+        np.testing.assert_allclose(one.reference_errors, solution.errors, rtol=1e-12)
         found.append(one)
-    ladder = rates(case, found)
+    ladder = compute_rates(case, found)
     assert {norm: rate.pairs for norm, rate in ladder.items()} == {"h1": 1, "hm12": 1, "l2": 1}
-    last, finest = (own(*LEVELS[name]).errors for name in ("level_1", "level_2"))
+    last = own(*LEVELS["level_1"]).errors
+    finest = own(*LEVELS["level_2"]).errors
     assert ladder["h1"].observed == pytest.approx(np.log2(last.h1 / finest.h1), rel=1e-9)
-    assert verdict(found, ladder) == "reaches the proved rates"
+    assert state_verdict(found, ladder) == "reaches the proved rates"
 
 
 @pytest.mark.parametrize("proved", [1.0, 0.5])
 def test_a_rate_may_fall_short_by_what_is_documented(proved):
     """By 0.1, on either side of it."""
     assert "A rate may fall short by 0.1." in (ROOT / "docs/own-solver.md").read_text()
-    just, short = (Rate(proved - by, 1, proved, proved).verdict for by in (0.09, 0.11))
+    just = Rate(proved - 0.09, 1, proved, proved).verdict
+    short = Rate(proved - 0.11, 1, proved, proved).verdict
     assert (just, short) == ("reaches the proved rate", "falls short")
 
 
 def test_rates_are_over_levels_with_h_and_H_small_enough():
     """`natural` counts from h = 1/8 and H = 1/4 on: not h = 1/8 with H = 1/2, nor levels 2.05 apart."""
     sizes = ((1 / 8, 1 / 2), (1 / 16, 1 / 4), (1 / 32, 1 / 8))
-    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), cells=SimpleNamespace(H=H)) for h, H in sizes]
+    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), partition=SimpleNamespace(H=H)) for h, H in sizes]
     errors = [Errors(e, e, e, e) for e in (1.0, 0.5, 0.25)]
     ladder = [
-        Scored(Foreign("", level, np.zeros(0), None, ""), each, each, Judged([], []), None)
+        ScoredSolution(ForeignSolution("", level, np.zeros(0), None, ""), each, each, Diagnosis([], []), None)
         for level, each in zip(levels, errors, strict=True)
     ]
-    for rate in rates(load("natural").problem, ladder).values():
+    for rate in compute_rates(load("natural").problem, ladder).values():
         assert (rate.pairs, rate.observed) == (1, 1)
     levels[2].mesh.h = 1 / 32.8
-    assert [rate.pairs for rate in rates(load("natural").problem, ladder).values()] == [0, 0, 0]
+    assert [rate.pairs for rate in compute_rates(load("natural").problem, ladder).values()] == [0, 0, 0]
 
 
 def ladder(*errors, sizes=(1 / 8, 1 / 16, 1 / 32, 1 / 64)):
     """Solutions on levels with such errors, the own ones all 1; H = 2h."""
-    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), cells=SimpleNamespace(H=2 * h)) for h in sizes]
-    given = [Foreign("", level, np.zeros(0), None, "") for level in levels]
+    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), partition=SimpleNamespace(H=2 * h)) for h in sizes]
+    given = [ForeignSolution("", level, np.zeros(0), None, "") for level in levels]
     own = Errors(1.0, 1.0, 1.0, 1.0)
     pairs = zip(given, errors, strict=False)
-    return [Scored(one, Errors(*4 * [each]), own, Judged([], []), None) for one, each in pairs]
+    return [ScoredSolution(one, Errors(*4 * [each]), own, Diagnosis([], []), None) for one, each in pairs]
 
 
 @pytest.mark.parametrize(("name", "polygon"), [("violates_j", "lshape"), ("violates_jj", "square")])
@@ -132,21 +151,21 @@ def test_no_rate_is_proved_where_a_hypothesis_fails(name, polygon):
     case = load(name, polygon).problem
     assert not all(case.exact.declaration["hypotheses"].values())
     slow = ladder(*[1.0] * 8, sizes=0.5 ** np.arange(3, 11))
-    found = rates(case, slow)
+    found = compute_rates(case, slow)
     assert np.isnan([rate.proved for rate in found.values()]).all()
     assert {rate.verdict for rate in found.values()} <= {"no rate is proved", "not judged"}
-    assert {rate.verdict for rate in rates(load("natural").problem, slow).values()} == {"falls short"}
+    assert {rate.verdict for rate in compute_rates(load("natural").problem, slow).values()} == {"falls short"}
 
 
 @pytest.mark.parametrize("fine", [0.0, 1e-13])
 def test_an_error_of_0_up_to_rounding_has_no_rate(fine):
     """Neither as the finer of a pair nor as the coarser; the pair before it counts."""
-    found = rates(load("natural").problem, ladder(1.0, 0.25, fine, fine))["h1"]
+    found = compute_rates(load("natural").problem, ladder(1.0, 0.25, fine, fine))["h1"]
     assert (found.pairs, found.observed) == (1, 2.0)
 
 
 def test_the_slowest_pair_counts_and_own_rates_are_apart():
-    found = rates(load("natural").problem, ladder(1.0, 0.5, 0.125, 0.0625))["h1"]
+    found = compute_rates(load("natural").problem, ladder(1.0, 0.5, 0.125, 0.0625))["h1"]
     assert (found.pairs, found.observed, found.own, found.proved) == (3, 1.0, 0.0, 1.0)
 
 
@@ -155,7 +174,7 @@ def test_rates_are_by_the_factor_that_the_case_names():
     case = load("thirds").problem
     assert float(case.exact.declaration["asymptotic"]["l2"]["factor"]) == 4
     sizes = 0.5 ** np.arange(6, 11)
-    found = rates(case, ladder(1.0, 0.9, 1 / 16, 0.05, 1 / 256, sizes=sizes))["l2"]
+    found = compute_rates(case, ladder(1.0, 0.9, 1 / 16, 0.05, 1 / 256, sizes=sizes))["l2"]
     assert (found.pairs, found.proved) == (3, 0.5)
     assert found.observed == pytest.approx(2.0)
 
@@ -163,19 +182,19 @@ def test_rates_are_by_the_factor_that_the_case_names():
 def test_of_two_bounds_the_root_mean_square_is_the_error():
     """Of 3 and 4 it is the root of 12.5; other norms have one number."""
     errors = Errors(1.0, 3.0, 4.0, 2.0)
-    found = [error_in(errors, norm) for norm in ("h1", "hm12", "l2")]
+    found = [select_error(errors, norm) for norm in ("h1", "hm12", "l2")]
     assert found == pytest.approx([1.0, np.sqrt(12.5), 2.0])
 
 
 @pytest.mark.parametrize(("off", "refused"), [(1e-8, False), (1e-4, True)])
 def test_places_that_are_off_by_more_than_rounding_are_another_mesh(folder, tmp_path, off, refused):
     """Of h: seven digits are enough in a file, but a node elsewhere is another node."""
-    _, levels = exported(folder)
+    _, levels = read_exported_folder(folder)
     mesh = levels[-1].mesh
     x, y = mesh.points.T + off * mesh.h / np.sqrt(2)
     pd.DataFrame({"x": x, "y": y, "u": 0 * x}).to_csv(tmp_path / "u.csv", index=False)
     with sentences.raises(InputError) if refused else nullcontext():
-        assert foreign(levels, str(tmp_path / "u.csv")).level is levels[-1]
+        assert read_foreign_solution(levels, str(tmp_path / "u.csv")).level is levels[-1]
 
 
 @pytest.fixture(scope="module")
@@ -197,16 +216,19 @@ def test_places_are_known_to_the_digits_that_are_written(twelfths, tmp_path, dig
     at most ||1||_{-1/2} = 4.1.
     """
     made, u, cells = twelfths
-    case, levels = exported(made)
+    case, levels = read_exported_folder(made)
 
     def scored_as(form):
         single = form == "float32"
         for table, name in ((u, "u.csv"), (cells, "cells.csv")):
             rounded = table.astype(np.float32).astype(float) if single else table
             rounded.to_csv(tmp_path / name, index=False, float_format=None if single else form)
-        return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
+        return score_solution(
+            case, read_foreign_solution(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+        )
 
-    found, full = scored_as(WRITTEN[digits]), scored_as(None)
+    found = scored_as(WRITTEN[digits])
+    full = scored_as(None)
     assert (found.faults, full.faults) == ([], [])
     np.testing.assert_allclose(found.errors, full.errors, rtol=0, atol=2e-5)
 
@@ -217,10 +239,10 @@ def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path, digits)
     made, u, _ = twelfths
     u.to_csv(tmp_path / "u.csv", index=False, float_format=f"%.{digits}f")
     with sentences.raises(InputError):
-        foreign(exported(made)[1], str(tmp_path / "u.csv"))
+        read_foreign_solution(read_exported_folder(made)[1], str(tmp_path / "u.csv"))
     u.assign(x=u.x**1.1).to_csv(tmp_path / "u.csv", index=False)
     with sentences.raises(InputError):
-        foreign(exported(made)[1], str(tmp_path / "u.csv"))
+        read_foreign_solution(read_exported_folder(made)[1], str(tmp_path / "u.csv"))
 
 
 @pytest.mark.parametrize("form", ["%.{}g", "%.{}f"])
@@ -234,7 +256,7 @@ def test_the_unit_of_the_last_digit(form):
         for _ in range(20):
             exact = rng.uniform(-1, 1, 40) * 10.0 ** rng.integers(-2, 3)
             text = [form.format(digits) % each for each in exact]
-            unit = last_digit(np.array(text, dtype=float))
+            unit = last_digit_unit(np.array(text, dtype=float))
             assert np.abs(np.array(text, dtype=float) - exact).max() <= 0.51 * unit
             largest = np.floor(np.log10(np.abs(exact).max() * 1.01)) + 1
             assert unit <= 10.1 * (10.0**-digits if "f" in form else 10.0 ** (largest - digits))
@@ -243,9 +265,9 @@ def test_the_unit_of_the_last_digit(form):
 def test_numbers_in_full_have_no_last_digit():
     """Control: of 40 random ones none of 15 digits or fewer, nor of single precision."""
     exact = np.random.default_rng(3).uniform(-1, 1, 40)
-    assert last_digit(exact) == 0
-    assert last_digit(exact.astype(np.float32).astype(float)) == pytest.approx(2**-24, rel=0.01)
-    assert last_digit(np.zeros(3)) == 0
+    assert last_digit_unit(exact) == 0
+    assert last_digit_unit(exact.astype(np.float32).astype(float)) == pytest.approx(2**-24, rel=0.01)
+    assert last_digit_unit(np.zeros(3)) == 0
 
 
 @pytest.mark.parametrize(("digits", "known"), [(6, True), (2, False)])
@@ -255,20 +277,20 @@ def test_ends_of_cells_are_vertices_to_the_digits_that_are_written(tmp_path, dig
     made = tmp_path / "made"
     at = ["--polygon", str(tmp_path / "own.yaml"), "--h", "1/8", "--H", "1/4", "--out", str(made)]
     assert main(["export", "thirds", *at]) == 0
-    _, levels = exported(made)
+    _, levels = read_exported_folder(made)
     table = pd.read_csv(made / "level_0/nodes.csv")[["x", "y"]].assign(u=0.0)
     table.to_csv(tmp_path / "u.csv", index=False)
     cells = pd.read_csv(made / "level_0/partition.csv")[["start", "end"]].assign(multiplier=0.0)
     cells.to_csv(tmp_path / "cells.csv", index=False, float_format=f"%.{digits}g")
     with nullcontext() if known else sentences.raises(InputError):
-        found = foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
-        np.testing.assert_array_equal(found.multiplier.cells.points, levels[0].cells.points)
+        found = read_foreign_solution(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+        np.testing.assert_array_equal(found.multiplier.partition.points, levels[0].partition.points)
 
 
 @pytest.mark.parametrize(("off", "refused"), [(1e-8, False), (1e-4, True)])
 def test_cells_that_do_not_meet_are_named(folder, tmp_path, off, refused):
     """A cell that begins later than the one before ends, by more than rounding, in h."""
-    _, levels = exported(folder)
+    _, levels = read_exported_folder(folder)
     own(*FINEST).save(tmp_path / "u.nc")
     with xr.open_dataset(tmp_path / "u.nc") as found:
         start = found.start.to_numpy() + np.where(
@@ -276,7 +298,7 @@ def test_cells_that_do_not_meet_are_named(folder, tmp_path, off, refused):
         )
         found.load().assign(start=(found.start.dims, start)).to_netcdf(tmp_path / "off.nc")
     with sentences.raises(InputError) if refused else nullcontext():
-        foreign(levels, str(tmp_path / "off.nc"))
+        read_foreign_solution(levels, str(tmp_path / "off.nc"))
 
 
 @pytest.mark.parametrize(
@@ -290,20 +312,20 @@ def test_cells_that_do_not_meet_are_named(folder, tmp_path, off, refused):
 )
 def test_missing_cells_are_named_with_their_file(folder, tmp_path, rows):
     """Not with the file of u, which is right."""
-    _, levels = exported(folder)
+    _, levels = read_exported_folder(folder)
     cells = pd.read_csv(folder / "level_2/partition.csv").assign(multiplier=0.0)
     cells.iloc[rows].to_csv(tmp_path / "cells.csv", index=False)
     u = pd.DataFrame(levels[-1].mesh.points, columns=["x", "y"]).assign(u=0.0)
     u.to_csv(tmp_path / "u.csv", index=False)
     with sentences.raises(InputError) as found:
-        foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+        read_foreign_solution(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
     assert str(found.value).startswith(f"{tmp_path / 'cells.csv'}: ")
 
 
 def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(scored):
     """Each cell in two, with the same value, is the same function."""
     solution = own(*FINEST)
-    finer = partitions.refine(solution.partition)
+    finer = partitions.divide_cells(solution.partition)
     for cells in (
         (solution.partition.points, solution.multiplier),
         (finer.points, np.repeat(solution.multiplier, 2)),
@@ -334,55 +356,65 @@ def test_u_alone_is_not_said_to_meet_the_conditions(folder, tmp_path, run, bug):
 
 def test_one_solution_without_a_multiplier_is_enough_to_be_told():
     """Beside rates that are reached, too; a fault that was found is told alone."""
-    one, two = (
-        Scored(Foreign("", None, np.zeros(0), mu, ""), None, None, Judged([], []), None)
-        for mu in (None, object())
+    one = ScoredSolution(
+        ForeignSolution("", None, np.zeros(0), None, ""), None, None, Diagnosis([], []), None
+    )
+    two = ScoredSolution(
+        ForeignSolution("", None, np.zeros(0), object(), ""), None, None, Diagnosis([], []), None
     )
     reached = {"h1": Rate(1.0, 1, 1.0, 1.0)}
     unseen = "; without a multiplier the conditions were not looked at"
-    assert verdict([two], reached) == "reaches the proved rates"
-    assert verdict([one, two], reached) == "reaches the proved rates" + unseen
-    assert verdict([one, two], {}) == "no fault was found inside" + unseen
-    wrong = replace(one, told=Judged([Fault("wrong", "")], []))
-    assert verdict([wrong, two], reached) == "faults were found"
+    assert state_verdict([two], reached) == "reaches the proved rates"
+    assert state_verdict([one, two], reached) == "reaches the proved rates" + unseen
+    assert state_verdict([one, two], {}) == "no fault was found inside" + unseen
+    wrong = replace(one, diagnosis=Diagnosis([Fault("wrong", "")], []))
+    assert state_verdict([wrong, two], reached) == "faults were found"
 
 
 def test_what_falls_short_or_is_wrong_does_not_hold():
     """The exit code is made of that; what is not judged, or not looked at, is no fault."""
-    right = Scored(Foreign("", None, np.zeros(0), object(), ""), None, None, Judged([], []), None)
-    wrong = replace(right, told=Judged([Fault("wrong", "")], []))
-    reached, short = {"h1": Rate(1.0, 1, 1.0, 1.0)}, {"h1": Rate(0.5, 1, 1.0, 1.0)}
-    assert holds([right], reached)
-    assert holds([right], {})
-    assert holds([replace(right, given=replace(right.given, multiplier=None))], {})
-    assert verdict([right], reached | {"l2": Rate(0.1, 1, 0.5, 0.5)}) == "falls short of a proved rate"
-    assert not holds([right], short)
-    assert not holds([wrong], reached)
+    right = ScoredSolution(
+        ForeignSolution("", None, np.zeros(0), object(), ""), None, None, Diagnosis([], []), None
+    )
+    wrong = replace(right, diagnosis=Diagnosis([Fault("wrong", "")], []))
+    reached = {"h1": Rate(1.0, 1, 1.0, 1.0)}
+    short = {"h1": Rate(0.5, 1, 1.0, 1.0)}
+    assert passes_judgement([right], reached)
+    assert passes_judgement([right], {})
+    assert passes_judgement([replace(right, solution=replace(right.solution, multiplier=None))], {})
+    assert state_verdict([right], reached | {"l2": Rate(0.1, 1, 0.5, 0.5)}) == "falls short of a proved rate"
+    assert not passes_judgement([right], short)
+    assert not passes_judgement([wrong], reached)
 
 
 def test_a_multiplier_may_be_missing_or_reactions(scored):
     """These are the function with such loads; inside, where none are needed, they are NaN."""
     solution = own(*FINEST)
     one = scored(solution.u)
-    assert (one.given.kind, one.faults) == ("none", [])
+    assert (one.solution.multiplier_kind, one.faults) == ("none", [])
     assert np.isnan(one.errors[1:]).all()
-    mesh, reactions = solution.mesh, np.full(solution.mesh.n_nodes, np.nan)
-    reactions[mesh.boundary] = constant(solution.partition, solution.multiplier).load(mesh)
-    found = scored(solution.u, reaction=reactions).given
-    assert found.kind == "reactions, made a function by the mass matrix"
+    mesh = solution.mesh
+    reactions = np.full(solution.mesh.n_nodes, np.nan)
+    reactions[mesh.boundary] = piecewise_constant(solution.partition, solution.multiplier).load(mesh)
+    found = scored(solution.u, reaction=reactions).solution
+    assert found.multiplier_kind == "reactions, made a function by the mass matrix"
     np.testing.assert_allclose(found.multiplier.load(mesh), reactions[mesh.boundary], rtol=0, atol=1e-12)
 
 
 def test_traces_have_their_loads_and_norms():
     """<1, phi_j> is the mass matrix's row sum; reactions give their function back."""
     mesh = coupled("square", 8, 4).mesh
-    one = constant(partitions.uniform(square(), 1 / 3), np.ones(12))
+    one = piecewise_constant(partitions.make_uniform_partition(square(), 1 / 3), np.ones(12))
     masses = boundary_mass(mesh).sum(axis=1)
     np.testing.assert_allclose(one.load(mesh), masses, rtol=1e-13)
     values = np.cos(mesh.s[:-1])
-    np.testing.assert_allclose(continuous(mesh, values).load(mesh), boundary_mass(mesh) @ values, rtol=1e-12)
-    np.testing.assert_allclose(of_reactions(mesh, boundary_mass(mesh) @ values).nodal, values, rtol=1e-12)
-    assert mixed_spaces(coupled("square", 8, 4).condensed, one.cells).B.shape == (12, 32)
+    np.testing.assert_allclose(
+        piecewise_linear(mesh, values).load(mesh), boundary_mass(mesh) @ values, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        represent_reactions(mesh, boundary_mass(mesh) @ values).nodal_values, values, rtol=1e-12
+    )
+    assert mixed_spaces(coupled("square", 8, 4).condensed, one.partition).B.shape == (12, 32)
 
 
 def spoilt(what, points):
@@ -453,7 +485,8 @@ def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, run):
     (one,) = told["solutions"]
     assert one["errors"]["h1"] == pytest.approx(own(*FINEST).errors.h1, rel=1e-12)
     assert (one["level"], one["faults"], told["rates"]["h1"]["verdict"]) == ("level_2", [], "not judged")
-    found, mu = one["conditions"], own(*FINEST).multiplier
+    found = one["conditions"]
+    mu = own(*FINEST).multiplier
     assert list(found) == ["of", "gap_least", "lambda_least", "product_largest"]
     assert found.pop("of") == "means over the cells"
     assert [list(each) for each in found.values()] == 3 * [["value", "place", "side"]]
@@ -528,7 +561,7 @@ def test_a_level_that_is_handed_in_twice_is_told(folder, tmp_path, refused):
 def test_where_no_rate_is_proved_none_is_printed():
     """Control: one that is proved."""
     by_norm = {"h1": Rate(0.91, 2, 0.92, np.nan), "l2": Rate(0.91, 1, 0.92, 1.0)}
-    assert list(exchange._lines(load("natural").problem, [], by_norm)) == [
+    assert list(exchange._format_rates(load("natural").problem, [], by_norm)) == [
         "rate in h1    0.91 (2 pairs), own 0.92: no rate is proved",
         "rate in l2    0.91 (1 pair), own 0.92, proved 1: reaches the proved rate",
     ]

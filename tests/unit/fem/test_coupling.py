@@ -8,8 +8,8 @@ from unilateral.errors import InputError
 from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 TRIANGLE = Polygon(np.array([[0.0, 0.0], [3.0, 0.1], [0.4, 2.0]]), "triangle")
 
@@ -27,15 +27,19 @@ def uneven():
 
 
 CASES = {
-    "two edges a cell": (square(), 1 / 8, partitions.uniform(square(), 1 / 4)),
-    "same points": (square(), 1 / 8, partitions.uniform(square(), 1 / 8)),
-    "two cells an edge": (square(), 1 / 4, partitions.uniform(square(), 1 / 8)),
-    "thirds": (square(), 1 / 8, partitions.uniform(square(), 1 / 3)),
-    "shifted": (named("lshape"), 1 / 8, partitions.shifted(named("lshape"), 1 / 4, 0.3)),
-    "one cell a side": (square(), 1 / 64, partitions.uniform(square(), 1.0)),
-    "many cells an edge": (square(), 1.0, partitions.uniform(square(), 1 / 64)),
+    "two edges a cell": (square(), 1 / 8, partitions.make_uniform_partition(square(), 1 / 4)),
+    "same points": (square(), 1 / 8, partitions.make_uniform_partition(square(), 1 / 8)),
+    "two cells an edge": (square(), 1 / 4, partitions.make_uniform_partition(square(), 1 / 8)),
+    "thirds": (square(), 1 / 8, partitions.make_uniform_partition(square(), 1 / 3)),
+    "shifted": (
+        find_polygon("lshape"),
+        1 / 8,
+        partitions.make_shifted_partition(find_polygon("lshape"), 1 / 4, 0.3),
+    ),
+    "one cell a side": (square(), 1 / 64, partitions.make_uniform_partition(square(), 1.0)),
+    "many cells an edge": (square(), 1.0, partitions.make_uniform_partition(square(), 1 / 64)),
     "uneven": (square(), 1 / 8, uneven()),
-    "gmsh": (TRIANGLE, 0.3, partitions.uniform(TRIANGLE, 0.37)),
+    "gmsh": (TRIANGLE, 0.3, partitions.make_uniform_partition(TRIANGLE, 0.37)),
     **{
         f"moved by {distance:g}": (square(), 1 / 4, nearly_coinciding(distance))
         for sign in (1, -1)
@@ -47,7 +51,7 @@ CASES = {
 @pytest.fixture(params=CASES)
 def pair(request):
     polygon, h, partition = CASES[request.param]
-    make = meshes.unstructured if polygon is TRIANGLE else structured
+    make = meshes.make_unstructured_mesh if polygon is TRIANGLE else make_structured_mesh
     return make(polygon, h), partition
 
 
@@ -81,17 +85,17 @@ def test_products_equal_the_trapezoidal_rule(pair):
 
 
 def test_nearly_coinciding_points_change_the_coupling_by_their_distance():
-    mesh = structured(square(), 1 / 4)
-    exact = coupling(mesh, partitions.uniform(square(), 1 / 4)).toarray()
+    mesh = make_structured_mesh(square(), 1 / 4)
+    exact = coupling(mesh, partitions.make_uniform_partition(square(), 1 / 4)).toarray()
     for distance in (1e-15, -1e-15, 1e-12, -1e-12, 1e-8, -1e-8):
         moved = coupling(mesh, nearly_coinciding(distance)).toarray()
         assert np.abs(moved - exact).max() <= 1.01 * abs(distance) + 1e-15
 
 
-@pytest.mark.parametrize("other", [named("lshape"), Polygon(2 * square().vertices)])
+@pytest.mark.parametrize("other", [find_polygon("lshape"), Polygon(2 * square().vertices)])
 def test_another_polygon_is_refused(other):
     with sentences.raises(InputError):
-        coupling(structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))
+        coupling(make_structured_mesh(square(), 1 / 2), partitions.make_uniform_partition(other, 1 / 2))
 
 
 @pytest.mark.parametrize(
@@ -101,9 +105,10 @@ def test_another_polygon_is_refused(other):
 )
 def test_boundary_mass_integrates_squares_of_linear_functions(sides, exact):
     """1, x, x^2 and y^2 on all sides of the square, by hand, or on two: hats of the others have none."""
-    mesh = structured(square(), 1 / 8)
+    mesh = make_structured_mesh(square(), 1 / 8)
     M = boundary_mass(mesh, None if sides is None else np.isin(mesh.side, sides))
-    one, (x, y) = np.ones(len(mesh.boundary)), mesh.points[mesh.boundary].T
+    one = np.ones(len(mesh.boundary))
+    (x, y) = mesh.points[mesh.boundary].T
     assert [v @ (M @ w) for v, w in ((one, one), (one, x), (x, x), (y, y))] == pytest.approx(exact, rel=1e-14)
     assert abs(M - M.T).max() == 0
     away = (x < 1) & (y > 0)

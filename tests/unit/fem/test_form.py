@@ -5,19 +5,19 @@ import pytest
 from scipy.linalg import eigh
 
 from unilateral.fem import edge_matrix
-from unilateral.fem.condense import condense, matrix
+from unilateral.fem.condense import condense, form_matrix
 from unilateral.fem.form import Form
-from unilateral.fem.functional_norm import dual_norm
-from unilateral.fem.hierarchy import hierarchy
-from unilateral.fem.p1 import of_rest, stiffness_and_mass
-from unilateral.fem.poincare import friedrichs
+from unilateral.fem.functional_norm import multilevel_dual_norm_bound
+from unilateral.fem.hierarchy import build_hierarchy
+from unilateral.fem.p1 import stiffness_and_mass, subtract_lift_from_load
+from unilateral.fem.poincare import friedrichs_constant
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.mesh import refine, refine_some
-from unilateral.geometry.partition import uniform
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.fortin import beta_below
+from unilateral.geometry.mesh import refine_triangles, refine_uniformly
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.fortin import beta_lower_bound
 
 FORMS = [
     Form(clamped=(3,)),
@@ -30,7 +30,7 @@ FORMS = [
 def dense(mesh, form):
     """A on the nodes that are not fixed, and these."""
     K, M = stiffness_and_mass(mesh)
-    free = np.flatnonzero(~form.fixed(mesh))
+    free = np.flatnonzero(~form.clamped_nodes(mesh))
     return (K + form.c * M).toarray()[np.ix_(free, free)], free
 
 
@@ -38,26 +38,27 @@ def dense(mesh, form):
 @pytest.mark.parametrize("h", [1 / 4, 1 / 16])
 def test_solving_is_elimination_of_the_fixed_nodes(form, h):
     """By sparse elimination and by macro-elements."""
-    mesh = structured(named("lshape"), h)
+    mesh = make_structured_mesh(find_polygon("lshape"), h)
     A, free = dense(mesh, form)
     load = np.random.default_rng(1).normal(size=mesh.n_nodes)
-    load[form.fixed(mesh)] = 0.0
+    load[form.clamped_nodes(mesh)] = 0.0
     exact = np.zeros_like(load)
     exact[free] = np.linalg.solve(A, load[free])
     condensed = condense(mesh, form)
     assert np.allclose(condensed.solve(load), exact, rtol=0, atol=1e-11 * np.abs(exact).max())
-    products, sums = condensed.for_products
+    products, sums = condensed.matrix_and_row_sums
     assert np.allclose(products.sum(axis=1), sums, rtol=0, atol=1e-12)
-    assert abs(products - matrix(mesh, form)).max() < 1e-12
+    assert abs(products - form_matrix(mesh, form)).max() < 1e-12
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_load_of_what_is_left_has_the_given_values(form):
     """A v = load for v with given values at fixed nodes, which need not be 0 elsewhere."""
-    mesh = structured(square(), 1 / 8)
-    rng, fixed = np.random.default_rng(2), form.fixed(mesh)
+    mesh = make_structured_mesh(square(), 1 / 8)
+    rng = np.random.default_rng(2)
+    fixed = form.clamped_nodes(mesh)
     held, load = rng.normal(size=(2, mesh.n_nodes))
-    v = held + condense(mesh, form).solve(of_rest(mesh, form, load, held))
+    v = held + condense(mesh, form).solve(subtract_lift_from_load(mesh, form, load, held))
     K, M = stiffness_and_mass(mesh)
     left = (K + form.c * M) @ v - load
     assert np.abs(left[~fixed]).max() < 1e-10
@@ -68,32 +69,34 @@ def test_the_load_of_what_is_left_has_the_given_values(form):
 @pytest.mark.parametrize("adapted", [False, True])
 def test_all_levels_are_decoupled_and_functionals_are_bounded(form, adapted):
     """The rows of every level are those of its mesh. The bound on a norm is above the exact one."""
-    mesh, rng = structured(square(), 1 / 2), np.random.default_rng(3)
+    mesh = make_structured_mesh(square(), 1 / 2)
+    rng = np.random.default_rng(3)
     for _ in range(4):
         chosen = np.flatnonzero(mesh.areas == mesh.areas.max())[:2] if adapted else None
-        before, mesh = mesh, refine_some(mesh, chosen)
-    of = hierarchy(mesh, form=form)
-    assert abs(of.A - matrix(mesh, form)).max() < 1e-12
-    assert np.allclose(of.A.sum(axis=1), of.sums, atol=1e-12)
+        before = mesh
+        mesh = refine_triangles(mesh, chosen)
+    of = build_hierarchy(mesh, form=form)
+    assert abs(of.A - form_matrix(mesh, form)).max() < 1e-12
+    assert np.allclose(of.A.sum(axis=1), of.row_sums, atol=1e-12)
     level = of.levels[-2]
     assert level.rows is not None
-    whole = matrix(before, form)
-    rows = whole if level.smoothed is None else whole[level.smoothed][:, level.columns]
+    whole = form_matrix(before, form)
+    rows = whole if level.smoothed_nodes is None else whole[level.smoothed_nodes][:, level.columns]
     assert abs(level.rows - rows).max() < 1e-12
     A, free = dense(mesh, form)
-    form = form._replace(friedrichs=1.0 if form.c else friedrichs(mesh, form.clamped))
-    of = hierarchy(mesh, form=form)
+    form = form._replace(friedrichs=1.0 if form.c else friedrichs_constant(mesh, form.clamped))
+    of = build_hierarchy(mesh, form=form)
     for _ in range(5):
         R = np.zeros(mesh.n_nodes)
         R[free] = rng.normal(size=len(free))
         exact = np.sqrt(R[free] @ np.linalg.solve(A, R[free]))
-        assert exact <= dual_norm(of, R) <= 8 * exact
+        assert exact <= multilevel_dual_norm_bound(of, R) <= 8 * exact
 
 
 def test_a_level_that_is_not_decoupled_is_noticed():
-    mesh = refine(structured(square(), 1 / 4))
-    whole = edge_matrix.matrix(mesh.triangulation, mesh.points)[0]
-    assert abs(whole - matrix(mesh, FORMS[0])).max() > 0.1
+    mesh = refine_uniformly(make_structured_mesh(square(), 1 / 4))
+    whole = edge_matrix.assemble_by_edges(mesh.triangulation, mesh.points)[0]
+    assert abs(whole - form_matrix(mesh, FORMS[0])).max() > 0.1
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -101,12 +104,17 @@ def test_a_level_that_is_not_decoupled_is_noticed():
 def test_beta_is_at_least_its_bound(form, kind):
     """beta in the norm of V_h/4 in place of that of V, which is at least as large: the supremum is."""
     polygon = square()
-    mesh = getattr(meshes, kind)(polygon, 1 / 8) if kind == "unstructured" else structured(polygon, 1 / 8)
-    cells = uniform(polygon, 1 / 4)
+    mesh = (
+        meshes.make_unstructured_mesh(polygon, 1 / 8)
+        if kind == "unstructured"
+        else make_structured_mesh(polygon, 1 / 8)
+    )
+    cells = make_uniform_partition(polygon, 1 / 4)
     form = form._replace(friedrichs=1.0)
-    coarse, fine = (mixed_spaces(condense(of, form), cells) for of in (mesh, refine(mesh, 2)))
+    coarse = mixed_spaces(condense(mesh, form), cells)
+    fine = mixed_spaces(condense(refine_uniformly(mesh, 2), form), cells)
     square_of_beta = np.linalg.eigvals(np.linalg.solve(fine.operator.D, coarse.operator.D)).real.min()
-    bound = beta_below(mesh, cells, form)
+    bound = beta_lower_bound(mesh, cells, form)
     assert 0.1 < bound <= np.sqrt(square_of_beta)
 
 
@@ -121,9 +129,9 @@ def test_the_energy_norm_bounds_that_in_L2(k, c):
 @pytest.mark.parametrize("constant", [1 / 4, 4.0])
 def test_the_mass_of_a_hierarchy_is_divided_by_the_square_of_friedrichs_constant(constant):
     """sum m_i v_i^2 <= 4 ||v||_0^2 / C^2, for m_i thirds of the areas at a node, over C^2."""
-    mesh = refine(structured(square(), 1 / 2))
+    mesh = refine_uniformly(make_structured_mesh(square(), 1 / 2))
     thirds = np.bincount(mesh.triangles.ravel(), np.repeat(mesh.areas / 3, 3))
-    found = hierarchy(mesh, form=Form(c=0.0, clamped=(3,), friedrichs=constant)).mass
+    found = build_hierarchy(mesh, form=Form(c=0.0, clamped=(3,), friedrichs=constant)).nodal_weights
     assert found == pytest.approx(thirds / constant**2)
 
 
@@ -131,24 +139,24 @@ def test_the_mass_of_a_hierarchy_is_divided_by_the_square_of_friedrichs_constant
 def test_the_mass_of_a_hierarchy_is_at_most_four_times_the_energy(length):
     """For all functions on the mesh that vanish on the left, by the largest eigenvalue; c = 0."""
     polygon = Polygon(square().vertices * [length, 1], "long")
-    mesh = refine(structured(polygon, 1))
-    form = Form(c=0.0, clamped=(3,), friedrichs=friedrichs(mesh, (3,)))
+    mesh = refine_uniformly(make_structured_mesh(polygon, 1))
+    form = Form(c=0.0, clamped=(3,), friedrichs=friedrichs_constant(mesh, (3,)))
     A, free = dense(mesh, form)
-    mass = np.diag(hierarchy(mesh, form=form).mass[free])
+    mass = np.diag(build_hierarchy(mesh, form=form).nodal_weights[free])
     assert eigh(mass, A, eigvals_only=True)[-1] <= 4
 
 
 def test_fixed_nodes_are_those_of_clamped_edges():
     """Both ends of a clamped side among them. On the square with h = 1/2, nodes by their places."""
-    mesh = structured(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 2)
     x, y = mesh.points.T
-    assert np.array_equal(Form(c=0.0, clamped=(3,)).fixed(mesh), x == 0)
-    assert np.array_equal(Form(c=0.0, clamped=(0, 3)).fixed(mesh), (x == 0) | (y == 0))
-    assert not Form().fixed(mesh).any()
+    assert np.array_equal(Form(c=0.0, clamped=(3,)).clamped_nodes(mesh), x == 0)
+    assert np.array_equal(Form(c=0.0, clamped=(0, 3)).clamped_nodes(mesh), (x == 0) | (y == 0))
+    assert not Form().clamped_nodes(mesh).any()
 
 
 def test_multipliers_are_on_sides_that_are_neither_clamped_nor_free():
-    assert Form(clamped=(3,), free=(1,)).held(np.array([0, 1, 2, 3])).tolist() == [
+    assert Form(clamped=(3,), free=(1,)).has_multiplier(np.array([0, 1, 2, 3])).tolist() == [
         True,
         False,
         True,

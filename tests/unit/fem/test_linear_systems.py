@@ -7,18 +7,18 @@ import pytest
 import scipy.sparse as sp
 
 from unilateral.fem import linear_systems
-from unilateral.fem.condense import condense, matrix
+from unilateral.fem.condense import condense, form_matrix
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
-MESH = structured(square(), 1 / 8)
-A = matrix(MESH)
+MESH = make_structured_mesh(square(), 1 / 8)
+A = form_matrix(MESH)
 LOAD = np.random.default_rng(1).standard_normal(MESH.n_nodes)
 
 
 def test_a_step_whose_curvature_is_hidden_is_none():
     """Where p . A p is not above 0."""
-    run = linear_systems.Descent(sp.csr_array(-np.eye(2)), np.ones(2), np.zeros(2), np.copy)
+    run = linear_systems.ConjugateGradients(sp.csr_array(-np.eye(2)), np.ones(2), np.zeros(2), np.copy)
     assert (run.step(), run.rz) == (0.0, 0.0)
     assert run.x.tolist() == [0, 0]
 
@@ -30,15 +30,15 @@ def test_without_metis_the_interior_has_another_order_and_the_same_solution(monk
     order = linear_systems.elimination_order(A, MESH.boundary)
     assert sorted(order) == list(range(MESH.n_nodes))
     assert np.array_equal(order[-len(MESH.boundary) :], MESH.boundary)
-    found = linear_systems.dissected(A, MESH.boundary).solve(LOAD)
+    found = linear_systems.factorise_by_dissection(A, MESH.boundary).solve(LOAD)
     assert np.abs(A @ found - LOAD).max() < 1e-12
     assert np.abs(condense(MESH).A_3 - known.A_3).max() < 1e-12
 
 
 def test_a_matrix_without_couplings_inside_is_in_its_own_order():
     """One inner node of four triangles, which no other inner node is next to."""
-    mesh = structured(square(), 1 / 2)
-    order = linear_systems.elimination_order(matrix(mesh), mesh.boundary)
+    mesh = make_structured_mesh(square(), 1 / 2)
+    order = linear_systems.elimination_order(form_matrix(mesh), mesh.boundary)
     assert np.array_equal(order[1:], mesh.boundary)
 
 
@@ -47,37 +47,39 @@ def test_a_schur_complement_of_other_unknowns_is_refused(moved):
     """If the last two unknowns were exchanged, or rows for pivots, the last block would be another one."""
     lu = linear_systems.factorise(A, linear_systems.elimination_order(A, MESH.boundary))
     size = len(MESH.boundary)
-    R = linear_systems.last_block(lu, size)
+    R = linear_systems.schur_factor(lu, size)
     assert np.abs(R.T @ R - condense(MESH).A_3).max() < 1e-12
     other = -2 if moved == "columns" else 0
     swapped = lu.perm_c.copy()
     swapped[[-1, other]] = swapped[[other, -1]]
     perm_c = swapped if moved == "columns" else lu.perm_c
     with pytest.raises(RuntimeError, match="moved the boundary unknowns"):
-        linear_systems.last_block(
+        linear_systems.schur_factor(
             SimpleNamespace(shape=lu.shape, U=lu.U, perm_c=perm_c, perm_r=swapped), size
         )
 
 
 def test_products_with_exchanged_rows_are_refused(monkeypatch):
     F = sp.csc_array(np.eye(MESH.n_nodes)[:, :3])
-    found = linear_systems.Factor(A, linear_systems.elimination_order(A)).products(F)
+    found = linear_systems.OrderedMatrix(A, linear_systems.elimination_order(A)).inverse_products(F)
     assert np.abs(found - np.linalg.inv(A.toarray())[:3, :3]).max() < 1e-12
     moved = SimpleNamespace(perm_r=np.array([1, 0]), perm_c=np.array([0, 1]))
     monkeypatch.setattr(linear_systems, "factorise", lambda *_: moved)
     with pytest.raises(RuntimeError, match="exchanged rows of a symmetric matrix"):
-        linear_systems.half_solved(A, F, np.arange(MESH.n_nodes))
+        linear_systems.half_solve(A, F, np.arange(MESH.n_nodes))
 
 
 def test_large_systems_are_solved_up_to_what_is_asked_for(monkeypatch):
     """As if 50 unknowns were many: sum r_i^2 / m_i is at most that, and no step is made below it."""
-    monkeypatch.setattr(linear_systems, "DIRECT", 50)
-    mass, zero = np.asarray(A.sum(axis=1)), np.zeros(MESH.n_nodes)
-    begin, last = float(LOAD @ (LOAD / mass)), 0
+    monkeypatch.setattr(linear_systems, "MAX_FACTORISED_UNKNOWNS", 50)
+    mass = np.asarray(A.sum(axis=1))
+    zero = np.zeros(MESH.n_nodes)
+    begin = float(LOAD @ (LOAD / mass))
+    last = 0
     for part in (1e-2, 1e-6, 1e-12):
-        found, steps = linear_systems.solved(A, LOAD, zero, mass, part * begin)
+        found, steps = linear_systems.solve_sparse(A, LOAD, zero, mass, part * begin)
         left = LOAD - A @ found
         assert float(left @ (left / mass)) <= part * begin * (1 + 1e-6)
         assert steps > last
         last = steps
-    assert linear_systems.solved(A, LOAD, found, mass, begin)[1] == 0
+    assert linear_systems.solve_sparse(A, LOAD, found, mass, begin)[1] == 0

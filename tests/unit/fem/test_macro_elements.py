@@ -4,36 +4,36 @@ import numpy as np
 import pytest
 
 from unilateral.fem.condense import condense
-from unilateral.fem.macro_elements import Recursive, boundary_lines
+from unilateral.fem.macro_elements import MacroElementFactors, perimeter_nodes
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import refinement
-from unilateral.geometry.mesh import refine
-from unilateral.geometry.polygon import named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.mesh import refine_uniformly
+from unilateral.geometry.polygon import find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 
 def shapes_of(mesh, times):
     """The numbers of shapes and parts of the stages inside coarse triangles."""
-    stages = Recursive(refine(mesh, times)).stages
+    stages = MacroElementFactors(refine_uniformly(mesh, times)).stages
     return [stage.inner.shape[:2] for stage in stages if stage.inner.shape[:2] != (1, 1)]
 
 
 def test_congruent_triangles_share_one_elimination_on_each_level():
     """Eight triangles on the coarse mesh: 8 * 4^2, 8 * 4 and 8 parts of one shape, from m = 4 on."""
-    assert shapes_of(structured(square(), 1 / 2), 4) == [(1, 128), (1, 32), (1, 8)]
+    assert shapes_of(make_structured_mesh(square(), 1 / 2), 4) == [(1, 128), (1, 32), (1, 8)]
 
 
 def test_other_triangles_have_an_elimination_each():
-    mesh = meshes.unstructured(named("lshape"), 1 / 2)
+    mesh = meshes.make_unstructured_mesh(find_polygon("lshape"), 1 / 2)
     t = len(mesh.triangles)
     assert shapes_of(mesh, 3) == [(t, 4), (t, 1)]
 
 
 def test_lines_run_along_the_triangles_sides():
     """On every level: each node is an m-th of a side after the one before, and they turn left."""
-    mesh = meshes.unstructured(square(), 1 / 2)
-    fine = refine(mesh, 3)
-    for level, lines in enumerate(boundary_lines(mesh.triangulation, 3)):
+    mesh = meshes.make_unstructured_mesh(square(), 1 / 2)
+    fine = refine_uniformly(mesh, 3)
+    for level, lines in enumerate(perimeter_nodes(mesh.triangulation, 3)):
         m = 2**level
         corners = fine.points[lines[:, ::m]]
         shares = np.arange(m)[:, None] / m
@@ -45,17 +45,17 @@ def test_lines_run_along_the_triangles_sides():
 
 def test_the_middle_triangle_s_order_matters(monkeypatch):
     """With its corners one further it is no longer the whole one turned, and A_3 is wrong."""
-    mesh = refine(meshes.unstructured(square(), 1 / 2), 3)
+    mesh = refine_uniformly(meshes.make_unstructured_mesh(square(), 1 / 2), 3)
     right = condense(mesh).A_3
 
-    *others, red = refinement.CHILDREN
+    *others, red = refinement.CHILD_TRIANGLES
     *outer, (nodes, edges) = red
     turned = tuple(np.roll(of, 1).tolist() for of in (nodes, edges))
-    monkeypatch.setattr(refinement, "CHILDREN", (*others, (*outer, turned)))
-    assert np.abs(Recursive(mesh).A_3 - right).max() > 1e-3 * np.abs(right).max()
+    monkeypatch.setattr(refinement, "CHILD_TRIANGLES", (*others, (*outer, turned)))
+    assert np.abs(MacroElementFactors(mesh).A_3 - right).max() > 1e-3 * np.abs(right).max()
 
 
 @pytest.mark.parametrize("times", [0, 1, 2, 3])
 def test_macro_elements_are_for_meshes_that_were_refined_often(times):
-    factors = condense(refine(structured(square(), 1 / 2), times)).factors
-    assert isinstance(factors, Recursive) == (times >= 3)
+    factors = condense(refine_uniformly(make_structured_mesh(square(), 1 / 2), times)).factors
+    assert isinstance(factors, MacroElementFactors) == (times >= 3)

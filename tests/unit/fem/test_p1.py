@@ -6,10 +6,17 @@ import skfem
 from skfem.models.poisson import laplace, mass
 
 from unilateral.fem import p1
-from unilateral.fem.p1 import by_parts, energy_norm, gradients, h1_load, load_vector, stiffness_and_mass
+from unilateral.fem.p1 import (
+    assemble_load_by_blocks,
+    energy_norm,
+    gradients,
+    h1_load,
+    load_vector,
+    stiffness_and_mass,
+)
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 
 def perturbed(mesh):
@@ -21,10 +28,12 @@ def perturbed(mesh):
 
 
 MESHES = {
-    "structured": lambda: structured(square(), 1 / 8),
-    "perturbed": lambda: perturbed(structured(square(), 1 / 8)),
-    "gmsh": lambda: meshes.unstructured(named("lshape"), 1 / 4),
-    "refined": lambda: meshes.refine(perturbed(structured(named("lshape"), 1 / 4))),
+    "structured": lambda: make_structured_mesh(square(), 1 / 8),
+    "perturbed": lambda: perturbed(make_structured_mesh(square(), 1 / 8)),
+    "gmsh": lambda: meshes.make_unstructured_mesh(find_polygon("lshape"), 1 / 4),
+    "refined": lambda: meshes.refine_uniformly(
+        perturbed(make_structured_mesh(find_polygon("lshape"), 1 / 4))
+    ),
 }
 
 
@@ -45,7 +54,8 @@ def by_scikit_fem(points, triangles):
 
 def test_matrices_equal_those_of_scikit_fem(mesh):
     """Control: a moved node is noticed."""
-    ours, moved = stiffness_and_mass(mesh), mesh.points.copy()
+    ours = stiffness_and_mass(mesh)
+    moved = mesh.points.copy()
     for matrix, expected in zip(ours, by_scikit_fem(mesh.points, mesh.triangles), strict=True):
         assert difference(matrix, expected) < 1e-12
         assert abs(matrix - matrix.T).max() == 0
@@ -71,10 +81,13 @@ def test_loads_of_linear_functions_are_matrix_products(mesh):
 
     Control: moments with the hats in another order are noticed.
     """
-    hats, slope = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]), np.array([1.5, -2.0])
-    u, (K, M) = mesh.points @ slope + 1, stiffness_and_mass(mesh)
+    hats = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]])
+    slope = np.array([1.5, -2.0])
+    u = mesh.points @ slope + 1
+    (K, M) = stiffness_and_mass(mesh)
     weighted = (mesh.areas / 3)[:, None] * (hats @ mesh.points[mesh.triangles] @ slope + 1)
-    moments, wrong = weighted @ hats, weighted @ np.roll(hats, 1, axis=1)
+    moments = weighted @ hats
+    wrong = weighted @ np.roll(hats, 1, axis=1)
     assert abs(load_vector(mesh, moments) - M @ u).max() < 1e-13 * abs(M @ u).max()
     found = h1_load(mesh, gradients(mesh), moments, mesh.areas[:, None] * slope)
     assert abs(found - (K + M) @ u).max() < 1e-12 * abs(K @ u).max()
@@ -96,9 +109,11 @@ def test_loads_by_parts_are_those_of_the_mesh(mesh, monkeypatch):
     def moments(part):
         return part.areas[:, None] * np.exp(part.points[part.triangles].sum(axis=2))
 
-    monkeypatch.setattr(p1, "PART", 5)
-    parts = list(p1.parts(mesh))
+    monkeypatch.setattr(p1, "MESH_BLOCK_TRIANGLES", 5)
+    parts = list(p1.mesh_blocks(mesh))
     assert len(parts) > 1
     assert sum(len(part.triangles) for part in parts) == len(mesh.triangles)
-    np.testing.assert_allclose(by_parts(mesh, moments), load_vector(mesh, moments(mesh)), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        assemble_load_by_blocks(mesh, moments), load_vector(mesh, moments(mesh)), rtol=0, atol=1e-15
+    )
     assert abs(sum(part.areas.sum() for part in parts[1:]) - mesh.polygon.area) > 1e-3

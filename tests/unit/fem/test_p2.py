@@ -6,15 +6,15 @@ import skfem
 from skfem.helpers import dot, grad
 
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import layer, linear_squares, quadratic, squares
+from unilateral.fem.p2 import boundary_layer, linear_square_norms, quadratic_space, quadratic_square_norms
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import named
+from unilateral.geometry.polygon import find_polygon
 
 
 @pytest.fixture(scope="module", params=["refined", "gmsh"])
 def spaces(request):
-    mesh = meshes.unstructured(named("lshape"), 0.6)
-    return quadratic(meshes.refine(mesh) if request.param == "refined" else mesh)
+    mesh = meshes.make_unstructured_mesh(find_polygon("lshape"), 0.6)
+    return quadratic_space(meshes.refine_uniformly(mesh) if request.param == "refined" else mesh)
 
 
 def in_scikit_fem(spaces, v, f):
@@ -44,31 +44,36 @@ def in_scikit_fem(spaces, v, f):
 
 def test_products_are_those_of_P2(spaces):
     rng = np.random.default_rng(1)
-    v, f = rng.standard_normal(spaces.size), rng.standard_normal(spaces.mesh.triangles.shape)
+    v = rng.standard_normal(spaces.size)
+    f = rng.standard_normal(spaces.mesh.triangles.shape)
     energy, mass, load, along = in_scikit_fem(spaces, v, f)
     field = f[..., None] * np.array([1.0, -2.0])
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
         product = form.k * energy + form.c * mass
         assert v @ (spaces.matrix(form) @ v) == pytest.approx(product, rel=1e-12)
     assert v @ spaces.load(f) == pytest.approx(load, rel=1e-12)
-    assert v @ spaces.load_of_gradients(field, 0 * field) == pytest.approx(along, rel=1e-12)
+    assert v @ spaces.gradient_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
 
 
 def test_products_with_a_field_of_bubbles(spaces):
     """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
     rng = np.random.default_rng(2)
-    v, areas = rng.standard_normal(spaces.size), spaces.mesh.areas
+    v = rng.standard_normal(spaces.size)
+    areas = spaces.mesh.areas
     field = rng.standard_normal((len(areas), 3, 2))
     slope = spaces.gradient(v)
-    more, less = (squares(areas, slope, sign * field).sum() for sign in (1, -1))
-    assert v @ spaces.load_of_gradients(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
+    more = quadratic_square_norms(areas, slope, 1 * field).sum()
+    less = quadratic_square_norms(areas, slope, (-1) * field).sum()
+    assert v @ spaces.gradient_load(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
 
 
 def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
     """By Simpson's rule, which is exact for linear times quadratic functions."""
-    rng, mesh = np.random.default_rng(5), spaces.mesh
-    v, flux = rng.standard_normal(spaces.size), rng.standard_normal((len(mesh.boundary), 2))
-    nodal, bubbles = np.split(v[spaces.of_boundary], 2)
+    rng = np.random.default_rng(5)
+    mesh = spaces.mesh
+    v = rng.standard_normal(spaces.size)
+    flux = rng.standard_normal((len(mesh.boundary), 2))
+    nodal, bubbles = np.split(v[spaces.boundary_unknowns], 2)
     ends = np.column_stack([nodal, np.roll(nodal, -1)])
     middle = (ends.mean(axis=1) + bubbles) * flux.mean(axis=1)
     exact = np.diff(mesh.s) @ (np.sum(ends * flux, axis=1) + 4 * middle) / 6
@@ -76,30 +81,32 @@ def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
 
 
 def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
-    nodes, nb = spaces.of_boundary[: len(spaces.mesh.boundary)], len(spaces.mesh.boundary)
+    nodes = spaces.boundary_unknowns[: len(spaces.mesh.boundary)]
+    nb = len(spaces.mesh.boundary)
     contact = np.random.default_rng(3).random(2 * nb) < 0.5
-    free = spaces.free(contact)
+    free = spaces.vanishing_basis(contact)
     v = free @ np.random.default_rng(4).standard_normal(free.shape[1])
-    middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.of_boundary[nb:]]
+    middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.boundary_unknowns[nb:]]
     np.testing.assert_allclose(np.append(v[nodes], middle)[contact], 0, rtol=0, atol=1e-15)
     assert free.shape[1] == np.linalg.matrix_rank(free.toarray()) == spaces.size - contact.sum()
 
 
 def test_some_unknowns_may_be_0_besides(spaces):
-    contact = np.random.default_rng(3).random(len(spaces.of_boundary)) < 0.5
+    contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
     others = spaces.unknowns[0]
-    v = spaces.free(contact, others) @ np.ones(spaces.free(contact, others).shape[1])
+    v = spaces.vanishing_basis(contact, others) @ np.ones(spaces.vanishing_basis(contact, others).shape[1])
     assert np.all(v[others] == 0)
-    of_boundary = spaces.of_boundary[contact]
-    assert spaces.free(contact, others).shape[1] == spaces.size - len(np.union1d(of_boundary, others))
+    of_boundary = spaces.boundary_unknowns[contact]
+    n_fixed = len(np.union1d(of_boundary, others))
+    assert spaces.vanishing_basis(contact, others).shape[1] == spaces.size - n_fixed
 
 
 def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spaces):
     rng = np.random.default_rng(7)
     v = np.zeros(spaces.size)
-    v[spaces.of_boundary] = rng.standard_normal(len(spaces.of_boundary))
+    v[spaces.boundary_unknowns] = rng.standard_normal(len(spaces.boundary_unknowns))
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
-        found = layer(spaces.mesh).norm(form, *np.split(v[spaces.of_boundary], 2))
+        found = boundary_layer(spaces.mesh).norm(form, *np.split(v[spaces.boundary_unknowns], 2))
         assert found**2 == pytest.approx(v @ (spaces.matrix(form) @ v), rel=1e-12)
 
 
@@ -107,7 +114,8 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
 def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
     """By the rule of edge midpoints, which is exact for squares; on none there are none."""
     rng = np.random.default_rng(6)
-    areas, values = rng.uniform(0.1, 1, shape[0]), rng.standard_normal(shape)
+    areas = rng.uniform(0.1, 1, shape[0])
+    values = rng.standard_normal(shape)
     middle = 0.5 * (values + np.roll(values, 1, axis=1))
     exact = areas * np.sum((middle**2).reshape(shape[0], int(np.prod(shape[1:]))), axis=1) / 3
-    np.testing.assert_allclose(linear_squares(areas, values), exact, rtol=1e-12)
+    np.testing.assert_allclose(linear_square_norms(areas, values), exact, rtol=1e-12)

@@ -16,11 +16,11 @@ from skfem.models import laplace, mass
 
 from unilateral.errors import InputError
 from unilateral.fem import poincare
-from unilateral.fem.poincare import friedrichs
-from unilateral.geometry.mesh import from_arrays, refine, unstructured
-from unilateral.geometry.partition import balanced, uniform
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.fem.poincare import friedrichs_constant
+from unilateral.geometry.mesh import from_arrays, make_unstructured_mesh, refine_uniformly
+from unilateral.geometry.partition import balance_cells, make_uniform_partition
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 LONG = Polygon(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]]), "long")
 TRIANGLE = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), "triangle")
@@ -40,28 +40,28 @@ OTHERS = [
     # Lame's 16 pi^2 / 3
     (EQUILATERAL, (0, 1, 2), math.sqrt(3) / (4 * math.pi)),
     # T. Betcke and L. N. Trefethen, SIAM Rev. 47, 2005
-    (named("lshape"), tuple(range(6)), 9.6397238440219**-0.5),
+    (find_polygon("lshape"), tuple(range(6)), 9.6397238440219**-0.5),
 ]
 
 
 @pytest.mark.parametrize(("polygon", "clamped", "exact"), RECTANGLES)
 @pytest.mark.parametrize("h", [1, 1 / 8])
 def test_it_is_a_little_above_the_best_one_on_rectangles(polygon, clamped, exact, h):
-    for mesh in (structured(polygon, h), unstructured(polygon, h)):
-        assert exact <= friedrichs(mesh, clamped) <= 1.03 * exact
+    for mesh in (make_structured_mesh(polygon, h), make_unstructured_mesh(polygon, h)):
+        assert exact <= friedrichs_constant(mesh, clamped) <= 1.03 * exact
 
 
 @pytest.mark.parametrize(("polygon", "clamped", "exact"), OTHERS)
 @pytest.mark.parametrize("h", [1 / 2, 1 / 8])
 def test_it_is_a_little_above_the_best_one(polygon, clamped, exact, h):
-    assert exact <= friedrichs(unstructured(polygon, h), clamped) <= 1.04 * exact
+    assert exact <= friedrichs_constant(make_unstructured_mesh(polygon, h), clamped) <= 1.04 * exact
 
 
 def test_a_larger_eigenvalue_is_refused(monkeypatch):
     """Control: no number above the least eigenvalue passes for a lower bound."""
     monkeypatch.setattr(poincare, "EIGENVALUE_SHARE", 1.001)
     with sentences.raises(InputError):
-        friedrichs(structured(square(), 1 / 8), (0,))
+        friedrichs_constant(make_structured_mesh(square(), 1 / 8), (0,))
 
 
 # Short sides and thin polygons
@@ -74,20 +74,25 @@ def beside(d):
 
 def graded(polygon):
     """A mesh that is graded to short sides."""
-    return poincare.with_boundary(polygon, balanced(uniform(polygon, polygon.diameter / 8)).points[:-1], 0.3)
+    return poincare.triangulate_from_boundary(
+        polygon, balance_cells(make_uniform_partition(polygon, polygon.diameter / 8)).points[:-1], 0.3
+    )
 
 
 def constant_of_p2(mesh, clamped):
     """A constant that is not above the best one, by scikit-fem's quadratic elements."""
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
     edges = np.sort([start, end], axis=0)[:, np.isin(mesh.side, clamped)]
     number = {tuple(ends): k for k, ends in enumerate(of_skfem.facets.T.tolist())}
     facets = np.array([number[tuple(ends)] for ends in edges.T.tolist()])
     basis = skfem.Basis(of_skfem, skfem.ElementTriP2())
-    K, M = laplace.assemble(basis), mass.assemble(basis)
+    K = laplace.assemble(basis)
+    M = mass.assemble(basis)
     inside = basis.complement_dofs(basis.get_dofs(facets))
-    K, M = (each[inside][:, inside].tocsc() for each in (K, M))
+    K = K[inside][:, inside].tocsc()
+    M = M[inside][:, inside].tocsc()
     return eigsh(K, M=M, k=1, sigma=0.0, return_eigenvectors=False)[0] ** -0.5
 
 
@@ -96,9 +101,9 @@ def test_a_short_clamped_side_has_a_mesh_that_is_graded_to_it(d):
     """Between that of P2 and 1.05 times that. Control: without one it is larger by a quarter or more."""
     polygon = beside(d)
     least = constant_of_p2(graded(polygon), (4,))
-    mesh = unstructured(polygon, 1 / 8)
-    assert least <= friedrichs(mesh, (4,)) <= 1.05 * least
-    assert poincare.constant_on(mesh, (4,)) > 1.25 * least
+    mesh = make_unstructured_mesh(polygon, 1 / 8)
+    assert least <= friedrichs_constant(mesh, (4,)) <= 1.05 * least
+    assert poincare.crouzeix_raviart_constant(mesh, (4,)) > 1.25 * least
 
 
 def test_short_sides_anywhere_have_a_constant_that_is_near_the_best_one():
@@ -115,7 +120,7 @@ def test_short_sides_anywhere_have_a_constant_that_is_near_the_best_one():
         polygon = Polygon(np.insert(v, 1, v[0] + d * along / np.hypot(*along), axis=0), "short")
         clamped = (0,) if rng.random() < 0.5 else (0, 3)
         least = constant_of_p2(graded(polygon), clamped)
-        assert least <= friedrichs(unstructured(polygon, 1 / 4), clamped) <= 1.1 * least
+        assert least <= friedrichs_constant(make_unstructured_mesh(polygon, 1 / 4), clamped) <= 1.1 * least
 
 
 def test_sides_of_random_polygons_have_a_constant_that_is_near_the_best_one():
@@ -127,12 +132,14 @@ def test_sides_of_random_polygons_have_a_constant_that_is_near_the_best_one():
         radius = rng.uniform(0.4, 1, n)
         polygon = Polygon(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), "star")
         clamped = tuple(rng.permutation(n)[: rng.integers(1, n + 1)].tolist())
-        least = constant_of_p2(refine(graded(polygon)), clamped)
+        least = constant_of_p2(refine_uniformly(graded(polygon)), clamped)
         for h in (1, 1 / 8):
-            assert least <= friedrichs(unstructured(polygon, h), clamped) <= 1.1 * least
+            assert least <= friedrichs_constant(make_unstructured_mesh(polygon, h), clamped) <= 1.1 * least
 
 
-STRIP, TAPERED, WEDGE = 2 / math.pi, 1 / 1.3607765, 1 / 2.4048256
+STRIP = 2 / math.pi
+TAPERED = 1 / 1.3607765
+WEDGE = 1 / 2.4048256
 """Constants for the interval [0, 1] with v(1) = 0, and widths that are constant, 2 - x, and x.
 
 With v'' + v' w'/w + k^2 v = 0 the inverses are zeros of cos(k), of J_0(k) Y_1(2k) - Y_0(k) J_1(2k), and of
@@ -141,7 +148,8 @@ J_0(k). Functions of x alone show that those of thin polygons with such widths a
 
 
 def test_the_constants_of_intervals_are_zeros_of_bessel_functions():
-    J, Y = mpmath.besselj, mpmath.bessely
+    J = mpmath.besselj
+    Y = mpmath.bessely
     k = mpmath.findroot(lambda k: J(0, k) * Y(1, 2 * k) - Y(0, k) * J(1, 2 * k), 1.3)
     assert float(1 / k) == pytest.approx(TAPERED, rel=1e-6)
     assert float(1 / mpmath.besseljzero(0, 1)) == pytest.approx(WEDGE, rel=1e-6)
@@ -156,7 +164,7 @@ def test_thin_polygons_hide_nothing(h, e):
     tapered = np.array([[0, 0], [1, 0], [1, e], [0, 2 * e]])
     wedge = np.array([[0, 0], [1, 0], [1, e]])
     for vertices, exact in ((strip, STRIP), (turned, STRIP), (tapered, TAPERED), (wedge, WEDGE)):
-        constant = friedrichs(unstructured(Polygon(vertices, "thin"), h), (1,))
+        constant = friedrichs_constant(make_unstructured_mesh(Polygon(vertices, "thin"), h), (1,))
         assert (1 - 1e-6) * exact <= constant <= 1.03 * exact
 
 
@@ -164,14 +172,14 @@ def test_thin_polygons_hide_nothing(h, e):
 @pytest.mark.parametrize("d", [1e-4, 1e-6, 1e-10])
 def test_short_free_sides_hide_nothing(h, d):
     """2 / pi where all of x = 0 is clamped; a free part of d changes less than one in a thousand of it."""
-    assert STRIP <= friedrichs(unstructured(beside(d), h), (3,)) <= 1.03 * STRIP
+    assert STRIP <= friedrichs_constant(make_unstructured_mesh(beside(d), h), (3,)) <= 1.03 * STRIP
 
 
 def test_what_rounding_hides_is_said():
     """The wedge is a thousandth of the thinnest one above."""
-    mesh = unstructured(Polygon(np.array([[0, 0], [1, 0], [1, 1e-8]]), "needle"), 1 / 8)
+    mesh = make_unstructured_mesh(Polygon(np.array([[0, 0], [1, 0], [1, 1e-8]]), "needle"), 1 / 8)
     with sentences.raises(InputError, "needle", "rounding"):
-        friedrichs(mesh, (1,))
+        friedrichs_constant(mesh, (1,))
 
 
 # Which mesh serves
@@ -179,50 +187,54 @@ def test_what_rounding_hides_is_said():
 
 def test_another_mesh_serves_where_rounding_hides_the_eigenvalue(monkeypatch):
     """As on a mesh that is graded to a point, whose least triangles have huge numbers."""
-    mesh = structured(named("lshape"), 1 / 8)
-    constant = friedrichs(mesh, (1,))
-    constant_on = poincare.constant_on
+    mesh = make_structured_mesh(find_polygon("lshape"), 1 / 8)
+    constant = friedrichs_constant(mesh, (1,))
+    constant_on = poincare.crouzeix_raviart_constant
 
     def hidden(other, clamped):
         return math.inf if other is mesh.coarse else constant_on(other, clamped)
 
-    monkeypatch.setattr(poincare, "constant_on", hidden)
-    assert friedrichs(mesh, (1,)) == pytest.approx(constant, rel=0.02)
+    monkeypatch.setattr(poincare, "crouzeix_raviart_constant", hidden)
+    assert friedrichs_constant(mesh, (1,)) == pytest.approx(constant, rel=0.02)
 
 
 def test_a_large_mesh_is_not_used(monkeypatch):
     """Another one has almost the same constant. Control: the constant is no other if the mesh is small."""
-    mesh = unstructured(TRIANGLE, 1 / 32)
-    constant = friedrichs(mesh, (1,))
-    assert constant == mesh.growth * poincare.constant_on(mesh, (1,))
-    monkeypatch.setattr(poincare, "MAX_NODES", mesh.n_nodes - 1)
-    assert friedrichs(mesh, (1,)) != constant
-    assert friedrichs(mesh, (1,)) == pytest.approx(constant, rel=0.02)
+    mesh = make_unstructured_mesh(TRIANGLE, 1 / 32)
+    constant = friedrichs_constant(mesh, (1,))
+    assert constant == mesh.exact_mesh_factor * poincare.crouzeix_raviart_constant(mesh, (1,))
+    monkeypatch.setattr(poincare, "MAX_FRIEDRICHS_NODES", mesh.n_nodes - 1)
+    assert friedrichs_constant(mesh, (1,)) != constant
+    assert friedrichs_constant(mesh, (1,)) == pytest.approx(constant, rel=0.02)
 
 
 def test_without_gmsh_the_mesh_itself_serves(monkeypatch):
     """If it is small, even if it is coarse beside a clamped side. Else gmsh is asked for."""
-    mesh = unstructured(beside(1e-3), 1 / 8)
-    constant = friedrichs(mesh, (4,))
+    mesh = make_unstructured_mesh(beside(1e-3), 1 / 8)
+    constant = friedrichs_constant(mesh, (4,))
     monkeypatch.setitem(sys.modules, "gmsh", None)
-    assert constant < friedrichs(mesh, (4,)) == mesh.growth * poincare.constant_on(mesh, (4,))
-    monkeypatch.setattr(poincare, "MAX_NODES", mesh.n_nodes - 1)
+    assert (
+        constant
+        < friedrichs_constant(mesh, (4,))
+        == mesh.exact_mesh_factor * poincare.crouzeix_raviart_constant(mesh, (4,))
+    )
+    monkeypatch.setattr(poincare, "MAX_FRIEDRICHS_NODES", mesh.n_nodes - 1)
     with sentences.raises(InputError, f"{mesh.n_nodes} nodes", "gmsh"):
-        friedrichs(mesh, (4,))
+        friedrichs_constant(mesh, (4,))
 
 
 def test_a_mesh_of_one_triangle_is_halved():
     """All its edges are clamped, or all but one, for which there is nothing to compute before."""
     mesh = from_arrays(TRIANGLE, TRIANGLE.vertices, [[0, 1, 2]])
     for clamped, exact in (((0, 1, 2), 1 / math.sqrt(5)), ((0, 2), 1 / math.sqrt(2))):
-        assert exact <= math.pi * friedrichs(mesh, clamped) <= 1.04 * exact
+        assert exact <= math.pi * friedrichs_constant(mesh, clamped) <= 1.04 * exact
 
 
 def test_flat_triangles_are_halved_only_where_rounding_lets_them():
     """The wedge needs no halving. Control: halved often, it has a constant that is larger by a tenth."""
-    mesh = unstructured(Polygon(np.array([[0, 0], [1, 0], [1, 1e-5]]), "wedge"), 1 / 8)
-    assert poincare.constant_on(mesh, (1,)) <= 1.03 * WEDGE
-    assert poincare.constant_on(refine(mesh, 3), (1,)) > 1.1 * WEDGE
+    mesh = make_unstructured_mesh(Polygon(np.array([[0, 0], [1, 0], [1, 1e-5]]), "wedge"), 1 / 8)
+    assert poincare.crouzeix_raviart_constant(mesh, (1,)) <= 1.03 * WEDGE
+    assert poincare.crouzeix_raviart_constant(refine_uniformly(mesh, 3), (1,)) > 1.1 * WEDGE
 
 
 # Rounding
@@ -271,9 +283,11 @@ def test_factors_of_band_matrices_are_as_near_as_the_shift_supposes():
 
     Control: some are not a quarter of a unit near.
     """
-    rng, nearest = np.random.default_rng(11), 0.0
+    rng = np.random.default_rng(11)
+    nearest = 0.0
     for b in [1, 2, 5, 9] * 3:
-        n, scale = 24, 10 ** rng.uniform(0, 6, 24)
+        n = 24
+        scale = 10 ** rng.uniform(0, 6, 24)
         factor = np.tril(np.triu(rng.standard_normal((n, n)), -b))
         A = scale[:, None] * (factor @ factor.T + 1e-6 * np.eye(n)) * scale
         A = 0.5 * (A + A.T)
@@ -289,11 +303,12 @@ def test_factors_of_band_matrices_are_as_near_as_the_shift_supposes():
 
 def test_entries_of_the_matrix_are_as_near_as_the_shift_supposes():
     """20 units of roundoff, against 40 digits, on triangles that are not flat."""
-    mesh = unstructured(named("lshape"), 1 / 3)
-    B, _ = poincare.crouzeix_raviart(mesh)
+    mesh = make_unstructured_mesh(find_polygon("lshape"), 1 / 3)
+    B, _ = poincare.crouzeix_raviart_matrix(mesh)
     with mpmath.workdps(40):
         points = [[mpmath.mpf(x) for x in point] for point in mesh.points.tolist()]
-        K, M = {}, {}
+        K = {}
+        M = {}
         for nodes, edges in zip(mesh.triangles, mesh.opposite_edges, strict=True):
             X = [points[k] for k in nodes]
             opposite = [[X[(k + 2) % 3][z] - X[(k + 1) % 3][z] for z in (0, 1)] for k in range(3)]
@@ -317,8 +332,8 @@ def test_entries_of_the_matrix_are_as_near_as_the_shift_supposes():
 @pytest.fixture
 def two_triangles(monkeypatch):
     """The unit square cut from lower left to upper right, not refined."""
-    monkeypatch.setattr(poincare, "MIN_NODES", 0)
-    mesh = structured(square(), 1)
+    monkeypatch.setattr(poincare, "MIN_FRIEDRICHS_NODES", 0)
+    mesh = make_structured_mesh(square(), 1)
     assert len(mesh.triangles) == 2
     return mesh
 
@@ -336,7 +351,7 @@ hypotenuse, 12 for each of three legs, and -6 sqrt(2) between. For equal values 
 def test_the_constant_is_that_of_the_matrix_and_what_the_means_miss(two_triangles):
     """C^2 = 1/lambda_h + (KAPPA d)^2, d the hypotenuse; a part of 1e-6 of lambda_h is not used."""
     exact = 1 / LEAST + 2 * poincare.KAPPA**2
-    assert exact <= friedrichs(two_triangles, (3,)) ** 2 <= exact * (1 + 1e-5)
+    assert exact <= friedrichs_constant(two_triangles, (3,)) ** 2 <= exact * (1 + 1e-5)
     assert exact >= (2 / math.pi) ** 2
 
 
@@ -344,7 +359,7 @@ def test_the_rounding_of_the_matrix_is_taken_from_its_eigenvalue(two_triangles, 
     """At least (b + 22)/2 units of the least diagonal entry, 12, with b >= 1; as if a unit were 1e-6."""
     monkeypatch.setattr(poincare, "EPS", 1e-6)
     rounded = LEAST - 23 / 2 * 1e-6 * 12
-    assert friedrichs(two_triangles, (3,)) ** 2 >= 1 / rounded + 2 * poincare.KAPPA**2
+    assert friedrichs_constant(two_triangles, (3,)) ** 2 >= 1 / rounded + 2 * poincare.KAPPA**2
 
 
 @pytest.mark.parametrize("nodes", [0, 10_000])
@@ -353,15 +368,17 @@ def test_the_constant_grows_with_the_exact_mesh(two_triangles, nodes, monkeypatc
 
     Both for a mesh that serves itself and for one that is too large, in whose place gmsh makes another one.
     """
-    monkeypatch.setattr(poincare, "MAX_NODES", nodes)
-    before = friedrichs(two_triangles, (3,))
-    monkeypatch.setattr(type(two_triangles), "growth", property(lambda _: 1.5))
-    assert friedrichs(two_triangles, (3,)) == pytest.approx(1.5**2 * before)
+    monkeypatch.setattr(poincare, "MAX_FRIEDRICHS_NODES", nodes)
+    before = friedrichs_constant(two_triangles, (3,))
+    monkeypatch.setattr(type(two_triangles), "exact_mesh_factor", property(lambda _: 1.5))
+    assert friedrichs_constant(two_triangles, (3,)) == pytest.approx(1.5**2 * before)
 
 
 @pytest.mark.parametrize("side", [1e-9, 1e-6, 1e6])
 def test_the_constant_is_a_length(side):
     """What rounding may hide is in units of the inverse squared diameter."""
     small = Polygon(side * square().vertices, "scaled")
-    constant = friedrichs(structured(small, side / 8), (3,))
-    assert constant == pytest.approx(side * friedrichs(structured(square(), 1 / 8), (3,)), rel=1e-6)
+    constant = friedrichs_constant(make_structured_mesh(small, side / 8), (3,))
+    assert constant == pytest.approx(
+        side * friedrichs_constant(make_structured_mesh(square(), 1 / 8), (3,)), rel=1e-6
+    )

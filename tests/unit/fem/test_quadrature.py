@@ -9,20 +9,20 @@ import pytest
 from conftest import discrete, exact_errors, load
 from scipy.integrate import quad
 
-from unilateral.discrete.condensed import solve, with_solution
+from unilateral.discrete.condensed import discretise_case, solve_condensed_problem
 from unilateral.fem import quadrature
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.ritz import ritz_projection
 
 NAMES = ["full_contact", "natural", "no_contact", "smooth", "thirds"]
 MESHES = {
-    "structured": lambda: structured(square(), 1 / 8),
-    "gmsh": lambda: meshes.unstructured(square(), 0.2),
-    "lshape": lambda: structured(named("lshape"), 1 / 4),
+    "structured": lambda: make_structured_mesh(square(), 1 / 8),
+    "gmsh": lambda: meshes.make_unstructured_mesh(square(), 0.2),
+    "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 4),
 }
 PLACES = [(name, mesh) for name in NAMES for mesh in MESHES if (name, mesh) != ("natural", "lshape")]
 
@@ -54,7 +54,7 @@ def test_the_rules_cover_the_mesh_once(name, mesh):
         np.testing.assert_allclose(places, rule.points, rtol=0, atol=1e-14)
     np.testing.assert_allclose(covered, on.areas, rtol=1e-9)
     assert covered.sum() == pytest.approx(on.polygon.area, rel=1e-13)
-    boundary = boundary_rule(case.polygon, on.s, case.singular())
+    boundary = boundary_rule(case.polygon, on.s, case.singular_points())
     lengths = boundary.integrate(np.ones_like(boundary.s), len(on.boundary))
     np.testing.assert_allclose(lengths, np.diff(on.s), rtol=1e-12)
 
@@ -80,7 +80,8 @@ def test_polynomials_are_exact(name, mesh):
 
 
 def test_a_rule_of_too_low_degree_is_seen():
-    on, case = mesh_of("structured"), load("no_contact")
+    on = mesh_of("structured")
+    case = load("no_contact")
     assert abs(integral(lambda p: p[:, 0] ** 8, on, case, degree=1) - 1 / 9) > 1e-6
 
 
@@ -109,7 +110,9 @@ def power_over_square(x0, beta):
     def fan(d, start, end):
         return quad(lambda phi: (d / math.cos(phi)) ** (beta + 2) / (beta + 2), start, end, epsabs=1e-15)[0]
 
-    right, top, left = math.atan2(1, 1 - x0), math.atan(1 - x0), math.atan2(1, x0)
+    right = math.atan2(1, 1 - x0)
+    top = math.atan(1 - x0)
+    left = math.atan2(1, x0)
     return fan(1 - x0, 0, right) + fan(1, -math.atan(x0), top) + fan(x0, 0, left)
 
 
@@ -119,7 +122,7 @@ def test_singular_powers(harmonic_at, at, beta):
     """Degree 8 is limited by the pieces next to the singular one, where r^beta is analytic but not
     polynomial: 1e-6; eight degrees more gain the factor 3^8 of their relative distance."""
     case = harmonic_at(at)
-    x0 = case.singular()[0].t
+    x0 = case.singular_points()[0].t
     exact = power_over_square(x0, beta)
 
     def power(points):
@@ -137,7 +140,7 @@ def test_the_energy_of_the_harmonic_atom(harmonic_at, at):
     found = integral(
         lambda p: np.sum(case.value_and_gradient(p)[1] ** 2, axis=1), mesh_of("structured"), case
     )
-    assert found == pytest.approx(2.25 * power_over_square(case.singular()[0].t, 1.0), rel=1e-7)
+    assert found == pytest.approx(2.25 * power_over_square(case.singular_points()[0].t, 1.0), rel=1e-7)
 
 
 def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
@@ -150,8 +153,8 @@ def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
 def test_points_of_one_grading_share_a_rule():
     """In `violates_jjj` the generations 1, 3, 5 and 7 have 1 + 4 + 16 + 64 points where contact begins."""
     case = load("violates_jjj")
-    _, _, (apart,) = quadrature.split_triangles(structured(square(), 1 / 8), case)
-    assert len(np.unique(apart.point, axis=0)) == len(case.flux_singular()) == 85
+    _, _, (apart,) = quadrature.split_triangles(make_structured_mesh(square(), 1 / 8), case)
+    assert len(np.unique(apart.point, axis=0)) == len(case.flux_singular_points()) == 85
 
 
 def unsplit(mesh, case):
@@ -163,7 +166,8 @@ def test_the_source_of_thirds():
 
     def w(r):
         q = 1 - 16 * r * r
-        d_eta, d2_eta = -128 * r * q**3, -128 * q**3 + 128 * 96 * r * r * q * q
+        d_eta = -128 * r * q**3
+        d2_eta = -128 * q**3 + 128 * 96 * r * r * q * q
         return r**1.5 * q**4 - 3 * math.sqrt(r) * d_eta - r**1.5 * d2_eta - math.sqrt(r) * d_eta
 
     exact = -4 / 9 * quad(lambda t: w(t * t) * t * t * 2 * t, 0, 0.5, epsabs=1e-15)[0]
@@ -176,7 +180,8 @@ def test_the_source_of_thirds():
 
 def cut_off_power(s, alpha):
     """Integral from 0 to s_+ of s^alpha (1 - 16 s^2)_+^4, term by term."""
-    s, powers = np.clip(s, 0, 0.25), 2 * np.arange(5) + alpha + 1
+    s = np.clip(s, 0, 0.25)
+    powers = 2 * np.arange(5) + alpha + 1
     return sum(math.comb(4, j) * (-16) ** j * s**power / power for j, power in enumerate(powers))
 
 
@@ -187,8 +192,8 @@ def natural_gap(x):
 
 
 def bottom_means(case, partition, which):
-    rule = boundary_rule(case.polygon, partition.points, case.singular())
-    values = case.boundary(rule.side, rule.s)[which]
+    rule = boundary_rule(case.polygon, partition.points, case.singular_points())
+    values = case.trace_flux_and_gap(rule.side, rule.s)[which]
     return (rule.integrate(values, partition.n_cells) / partition.lengths)[partition.side == 0]
 
 
@@ -196,7 +201,7 @@ def bottom_means(case, partition, which):
 @pytest.mark.parametrize("H", [1 / 2, 1 / 8, 1 / 64])
 def test_boundary_means(H, fraction):
     """s^(1/2), s^(3/2) and the cut-off power in closed form, to the cancellation in it."""
-    cells = partitions.shifted(square(), H, fraction)
+    cells = partitions.make_shifted_partition(square(), H, fraction)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
     root = bottom_means(load("natural"), cells, 1)
     np.testing.assert_allclose(root, np.diff(np.maximum(x - 0.5, 0) ** 1.5) / np.diff(x), rtol=0, atol=1e-12)
@@ -216,7 +221,7 @@ def test_gauss_points_alone_miss_the_boundary_means():
 
 def errors(name, n, degree):
     made = discrete(name, n, n // 2, degree=degree)
-    found = exact_errors(made, solve(made))
+    found = exact_errors(made, solve_condensed_problem(made))
     return np.array([found.h1, found.l2])
 
 
@@ -232,9 +237,9 @@ def test_a_poor_rule_shows_in_the_errors(monkeypatch):
     good = discrete("smooth", 16, 8)
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
     ritz = ritz_projection(good.exact.ritz.case, good.spaces.condensed, degree=1)
-    poor = with_solution(good.spaces, replace(good.exact, ritz=ritz))
-    poor_error = exact_errors(poor, solve(poor)).h1
-    assert abs(poor_error / exact_errors(good, solve(good)).h1 - 1) > 1e-3
+    poor = discretise_case(good.spaces, replace(good.exact, ritz=ritz))
+    poor_error = exact_errors(poor, solve_condensed_problem(poor)).h1
+    assert abs(poor_error / exact_errors(good, solve_condensed_problem(good)).h1 - 1) > 1e-3
 
 
 POWER = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1/3"}
@@ -247,7 +252,7 @@ def declared(case_like):
 
 def test_boundary_means_see_a_power_at_a_vertex(declared):
     """t^(3/2) and t^(8/5) from the vertex on, in closed form; graded to nothing they were off by 1e-8."""
-    cells = partitions.uniform(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 4)
     gap = {"sides": [{"side": 0, "formula": "1 + pos(t, 3/2)"}], "elsewhere": 1}
     case = declared(u=[{"atom": "smooth", "formula": "0"}], gap=gap)
     assert bottom_means(case, cells, 2)[0] == pytest.approx(1 + 0.25**1.5 / 2.5, abs=1e-12)
@@ -257,10 +262,10 @@ def test_boundary_means_see_a_power_at_a_vertex(declared):
 
 def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
     """On side 1 the flux is -(8/5) y (1 - 9 y^2)_+^4, its cutoff's end inside the second cell."""
-    cells = partitions.uniform(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 4)
     case = declared(u=[POWER], gap={"elsewhere": 0})
-    rule = boundary_rule(case.polygon, cells.points, case.singular())
-    means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
+    rule = boundary_rule(case.polygon, cells.points, case.singular_points())
+    means = rule.integrate(case.trace_flux_and_gap(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
     np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, rtol=0, atol=1e-12)
 
@@ -270,9 +275,10 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
 )
 def test_boundary_means_of_a_power_times_a_cutoff(name, alpha):
     """In tau = s^(1/20) that is no polynomial of a low degree."""
-    case, cells = load(name), partitions.shifted(square(), 1 / 8, 0.37)
+    case = load(name)
+    cells = partitions.make_shifted_partition(square(), 1 / 8, 0.37)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
-    rule = boundary_rule(case.polygon, cells.points, case.singular())
-    flux = case.boundary(rule.side, rule.s, rule.near)[1]
+    rule = boundary_rule(case.polygon, cells.points, case.singular_points())
+    flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
     found = rule.integrate(flux, cells.n_cells)[cells.side == 0]
     np.testing.assert_allclose(found, np.diff(cut_off_power(x - 1 / 3, alpha)), rtol=1e-12, atol=1e-12)

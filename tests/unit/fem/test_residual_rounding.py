@@ -15,21 +15,22 @@ from unilateral.fem import residual_rounding
 from unilateral.fem.p1 import coupling, lumped_mass
 from unilateral.fem.residual_rounding import Rounded
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.partition import uniform
-from unilateral.geometry.polygon import named
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.polygon import find_polygon
 
 DIGITS = 60
-LSHAPE = named("lshape")
-MESH = meshes.unstructured(LSHAPE, 0.3)
+LSHAPE = find_polygon("lshape")
+MESH = meshes.make_unstructured_mesh(LSHAPE, 0.3)
 A = assembled(MESH)
 MASS = lumped_mass(MESH)
-CELLS = uniform(LSHAPE, 0.7)
+CELLS = make_uniform_partition(LSHAPE, 0.7)
 B = coupling(MESH, CELLS)
 
 
 @pytest.fixture(autouse=True)
 def digits():
-    before, ctx.dps = ctx.dps, DIGITS
+    before = ctx.dps
+    ctx.dps = DIGITS
     yield
     ctx.dps = before
 
@@ -46,42 +47,48 @@ def row_times(matrix: sp.csr_array, i: int, u: list[arb]) -> arb:
 
 def products(u: Array) -> tuple[Rounded, list[arb]]:
     """Of the matrix; its diagonal is what makes the rows add up to the mass."""
-    numbers, masses = exactly(u), exactly(MASS)
+    numbers = exactly(u)
+    masses = exactly(MASS)
     differences = ([value - own for value in numbers] for own in numbers)
     exact = [masses[i] * numbers[i] + row_times(A, i, each) for i, each in enumerate(differences)]
-    return residual_rounding.product(A, MASS, u), exact
+    return residual_rounding.product_with_rounding(A, MASS, u), exact
 
 
 def loads(u: Array) -> tuple[Rounded, list[arb]]:
-    load, pressure, pull = u[: B.shape[1]], np.abs(u[: B.shape[0]]), B.T.tocsr()
+    load = u[: B.shape[1]]
+    pressure = np.abs(u[: B.shape[0]])
+    pull = B.T.tocsr()
     exact = [value + row_times(pull, j, exactly(pressure)) for j, value in enumerate(exactly(load))]
-    return residual_rounding.loaded(load, B, pressure), exact
+    return residual_rounding.load_with_rounding(load, B, pressure), exact
 
 
 def integrals(u: Array) -> tuple[Rounded, list[arb]]:
     """Of what is above the obstacle."""
     v = u[: B.shape[1]]
-    d, numbers = B @ v, exactly(v)
+    d = B @ v
+    numbers = exactly(v)
     exact = [row_times(B, i, numbers) - value for i, value in enumerate(exactly(d))]
-    return residual_rounding.constrained(B, v, d), exact
+    return residual_rounding.gap_with_rounding(B, v, d), exact
 
 
 def means(u: Array) -> tuple[Rounded, list[arb]]:
     v = u[: B.shape[1]]
-    g, numbers = B @ v / CELLS.lengths, exactly(v)
+    g = B @ v / CELLS.lengths
+    numbers = exactly(v)
     rows = enumerate(zip(exactly(CELLS.lengths), exactly(g), strict=True))
     exact = [row_times(B, i, numbers) / H - value for i, (H, value) in rows]
-    return residual_rounding.constrained(B, v, g, CELLS.lengths), exact
+    return residual_rounding.gap_with_rounding(B, v, g, CELLS.lengths), exact
 
 
 @pytest.mark.parametrize("of", [products, loads, integrals, means])
 def test_no_error_is_above_its_bound(of: Callable[[Array], tuple[Rounded, list[arb]]]) -> None:
     """For rough vectors, and large constants with a little more; a bound of a fiftieth would be missed."""
-    rng, largest = np.random.default_rng(8), 0.0
+    rng = np.random.default_rng(8)
+    largest = 0.0
     for size in (1e-90, 1, 1e90):
         for constant in (0, 1, 1e6, 1e15):
             found, exact = of(size * (constant + rng.standard_normal(len(MASS))))
-            for value, doubt, true in zip(exactly(found.values), exactly(found.doubt), exact, strict=True):
+            for value, doubt, true in zip(exactly(found.values), exactly(found.rounding), exact, strict=True):
                 largest = max(largest, float((abs(value - true) / doubt).upper()))
     assert 0.02 < largest <= 1
 
@@ -91,16 +98,16 @@ def test_the_dual_norm_at_every_size(size: float) -> None:
     """Against (R . A^{-1} R)^(1/2) at size 1; the squares of these numbers would vanish, or be infinite."""
     R = np.random.default_rng(1).standard_normal(len(MASS))
     exact = np.sqrt(R @ np.linalg.solve(A.toarray(), R))
-    assert exact <= residual_rounding.dual_norm(size * R, MASS) / size < 20 * exact
-    assert residual_rounding.root(size * R, size * R) / size == pytest.approx(np.linalg.norm(R))
-    assert residual_rounding.root(R, -R) == 0
-    assert residual_rounding.root(0 * R, R) == 0
-    assert residual_rounding.dual_norm(0 * R, MASS) == 0
+    assert exact <= residual_rounding.lumped_dual_norm_bound(size * R, MASS) / size < 20 * exact
+    assert residual_rounding.product_root(size * R, size * R) / size == pytest.approx(np.linalg.norm(R))
+    assert residual_rounding.product_root(R, -R) == 0
+    assert residual_rounding.product_root(0 * R, R) == 0
+    assert residual_rounding.lumped_dual_norm_bound(0 * R, MASS) == 0
 
 
 def test_the_dual_norm_of_the_mass_is_nearly_twice_its_own() -> None:
     """R = M 1 has ||R|| = |Omega|^(1/2), and 2 (sum m_i)^(1/2) is twice that: no factor below 1 is left."""
-    assert residual_rounding.dual_norm(MASS, MASS) == pytest.approx(2 * np.sqrt(LSHAPE.area))
+    assert residual_rounding.lumped_dual_norm_bound(MASS, MASS) == pytest.approx(2 * np.sqrt(LSHAPE.area))
 
 
 # Sums in which every addition is rounded the same way: k terms lose k - 1 half units
@@ -113,7 +120,7 @@ SLIVER = 0.99 * 2.0**-53
 
 def lost(found: Rounded, exact: list[arb]) -> float:
     """The largest error over its allowance."""
-    triples = zip(exactly(found.values), exactly(found.doubt), exact, strict=True)
+    triples = zip(exactly(found.values), exactly(found.rounding), exact, strict=True)
     return max(float((abs(value - true) / doubt).lower()) for value, doubt, true in triples)
 
 
@@ -122,11 +129,11 @@ def test_sums_of_means_and_loads_lose_a_unit_for_each_term() -> None:
     terms = np.append(1.0, np.full(K - 1, SLIVER))
     row = sp.csr_array(np.ones((1, K)))
     exact = sum(exactly(terms), arb(0))
-    found = residual_rounding.constrained(row, terms, np.zeros(1))
+    found = residual_rounding.gap_with_rounding(row, terms, np.zeros(1))
     assert found.values[0] == 1.0
     assert 0.8 < lost(found, [exact]) <= 1
     column = sp.csr_array(np.ones((K, 1)))
-    found = residual_rounding.loaded(np.zeros(1), column, terms)
+    found = residual_rounding.load_with_rounding(np.zeros(1), column, terms)
     assert found.values[0] == 1.0
     assert 0.8 < lost(found, [exact]) <= 1
 
@@ -137,21 +144,22 @@ def test_products_lose_a_unit_for_each_entry_of_a_row() -> None:
     Six units are lost of the twelve that are allowed for eight entries and four units more.
     """
     u = np.append([0.0, 1.0], np.full(6, SLIVER))
-    found = residual_rounding.product(sp.csr_array(np.ones((8, 8))), np.zeros(8), u)
+    found = residual_rounding.product_with_rounding(sp.csr_array(np.ones((8, 8))), np.zeros(8), u)
     assert found.values[0] == 1.0
-    first = Rounded(found.values[:1], found.doubt[:1])
+    first = Rounded(found.values[:1], found.rounding[:1])
     assert 0.4 < lost(first, [sum(exactly(u), arb(0))]) <= 1
 
 
 def test_a_large_load_hides_a_small_product() -> None:
     """1 - 1e-17 is 1: only the rounding of the difference is as large as that."""
-    matrix, tiny = sp.csr_array(np.ones((1, 1))), np.array([1e-17])
+    matrix = sp.csr_array(np.ones((1, 1)))
+    tiny = np.array([1e-17])
     load = Rounded(np.ones(1), np.zeros(1))
-    found = residual_rounding.residual(matrix, np.ones(1), tiny, load)
+    found = residual_rounding.residual_with_rounding(matrix, np.ones(1), tiny, load)
     assert found.values[0] == 1.0
     assert lost(found, [arb(1) - arb(1e-17)]) <= 1
 
 
 def test_norms_are_above_their_rounding() -> None:
     """A sum of n products >= 0 is off by n half units of it, its root by half of that: n up to 16 million."""
-    assert residual_rounding.SLACK >= 1 + 16e6 * 2.0**-53 / 2
+    assert residual_rounding.NORM_ROUNDING_FACTOR >= 1 + 16e6 * 2.0**-53 / 2

@@ -8,7 +8,7 @@ import sympy
 from flint import arb, ctx, fmpq
 from symbolic import pos
 
-from unilateral.formulas.taylor import affine, basis
+from unilateral.formulas.taylor import affine_model, monomial_basis
 
 PRECISIONS = (128, 512, 2048, 8192)
 """Bits."""
@@ -107,6 +107,7 @@ def box(order, centre, arms):
     """The models of x and y on one box each, affine in sigma: centre (2,), arms (2, 2)."""
     models = []
     for c, of in zip(centre, np.asarray(arms, dtype=float), strict=True):
-        size, at = np.abs(of).sum(), np.array([c])
-        models.append(affine(basis(2, order), at, of[:, None], (at - size, at + size)))
+        size = np.abs(of).sum()
+        at = np.array([c])
+        models.append(affine_model(monomial_basis(2, order), at, of[:, None], (at - size, at + size)))
     return dict(zip("xy", models, strict=True))

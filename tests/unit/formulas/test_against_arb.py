@@ -11,8 +11,8 @@ from flint import acb, arb
 from symbolic import X, Y, evaluate, pos, symbolic
 
 from unilateral.formulas import interval, taylor, taylor_enclosures
-from unilateral.formulas.formula import parse
-from unilateral.formulas.taylor import Model, affine, basis, constant
+from unilateral.formulas.formula import parse_formula
+from unilateral.formulas.taylor import TaylorModel, affine_model, monomial_basis, range_model
 
 SPECIAL = [0.0, 5e-324, 1e-320, 2.0**-1022, 1e-160, 0.5, 1.0, 1e154, 1e308, np.finfo(float).max]
 EXPONENTS = [1, 2, 3, 10, 31, 100, -1, -2, -3, -7, -100]
@@ -37,7 +37,9 @@ def numbers(rng, k):
 
 def intervals(rng, k):
     """Of all widths: points, narrow ones, and those that contain 0."""
-    a, b, narrow = numbers(rng, k), numbers(rng, k), 2.0 ** rng.uniform(-55, -1, k)
+    a = numbers(rng, k)
+    b = numbers(rng, k)
+    narrow = 2.0 ** rng.uniform(-55, -1, k)
     other = np.select([rng.uniform(size=k) < 0.2, rng.uniform(size=k) < 0.7], [a, a * (1 - narrow)], b)
     return np.minimum(a, other), np.maximum(a, other)
 
@@ -47,15 +49,18 @@ def models(rng, of, k):
 
     A third of them are about 1, linear and without a remainder, so that only that of the operation counts.
     """
-    size, shrink = numbers(rng, k) / 64, 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
-    c = size * shrink ** of.degree[:, None] * rng.uniform(-1, 1, (len(of.degree), k))
+    size = numbers(rng, k) / 64
+    shrink = 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
+    c = size * shrink ** of.degrees[:, None] * rng.uniform(-1, 1, (len(of.degrees), k))
     rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
-    at, plain = rng.uniform(0.2, 3.0, k), rng.uniform(size=k) < 1 / 3
+    at = rng.uniform(0.2, 3.0, k)
+    plain = rng.uniform(size=k) < 1 / 3
     arms = 0.3 * np.minimum(at, 1.0) * rng.choice([0.0, 1e-9, 1.0, 1.0], k) * rng.choice([-1, 1], (2, k))
-    c[:, plain], rad[plain] = 0.0, 0.0
+    c[:, plain] = 0.0
+    rad[plain] = 0.0
     c[:3, plain] = np.vstack([at, arms])[:, plain]
     reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
-    return Model(of, c, rad, interval.outward(c[0] - reach, c[0] + reach))
+    return TaylorModel(of, c, rad, interval.round_outward(c[0] - reach, c[0] + reach))
 
 
 def tally(answers):
@@ -82,7 +87,7 @@ def of_intervals(of, oracle, rng, arity, k):
 
 def of_models(of, oracle, rng, arity, k, order=3, points=POINTS):
     """The same of Taylor models: the arguments differ from their polynomials by a share of the remainders."""
-    space = basis(2, order)
+    space = monomial_basis(2, order)
     arguments = [models(rng, space, k) for _ in range(arity)]
     found = of(*arguments)
     assert np.isfinite(found.c).all()
@@ -107,28 +112,32 @@ def raised(of, k):
 
 
 OPERATIONS = {  # the functions of balls, of intervals and of models
-    "sum": (operator.add, interval.total, Model.__add__),
-    "product": (operator.mul, interval.product, Model.__mul__),
+    "sum": (operator.add, interval.add_intervals, TaylorModel.__add__),
+    "product": (operator.mul, interval.multiply_intervals, TaylorModel.__mul__),
 }
-for name, of in taylor_enclosures.FUNCTIONS.items():
+for name, of in taylor_enclosures.MODEL_FUNCTIONS.items():
     OPERATIONS[name] = getattr(arb, name), getattr(interval, name), of
 for n in EXPONENTS:
-    OPERATIONS[f"power {n}"] = raised(pow, n), raised(interval.power, n), raised(taylor_enclosures.power, n)
+    OPERATIONS[f"power {n}"] = (
+        raised(pow, n),
+        raised(interval.integer_power, n),
+        raised(taylor_enclosures.power_model, n),
+    )
 for k in FRACTIONS:
     OPERATIONS[f"positive power {k}"] = (
         raised(lambda a, k: positive_power(a, exact(k)), k),
-        raised(interval.of_positive_part, float(k)),
-        raised(taylor_enclosures.positive_power, float(k)),
+        raised(interval.positive_part_power, float(k)),
+        raised(taylor_enclosures.positive_power_model, float(k)),
     )
 for k in FRACTIONS:
     if k.q > 1:
         OPERATIONS[f"root {k}"] = (
             raised(lambda a, k: a ** exact(k), k),
             None,
-            raised(taylor_enclosures.root, float(k)),
+            raised(taylor_enclosures.root_model, float(k)),
         )
 for n in (1e-320, -1 / 3, 1e300):
-    OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(Model.scaled, n)
+    OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(TaylorModel.scale, n)
 
 
 def tried(name, k=BOXES, seed=1):
@@ -161,14 +170,15 @@ def random_formula(rng, depth):
             [sympy.Rational(rng.randint(-99, 99), rng.randint(1, 99)), sympy.pi, sympy.sqrt(2)]
         )
         return rng.choice([X, Y, X - Y, scale * number, number * X + scale])
-    a, b = random_formula(rng, depth - 1), random_formula(rng, rng.randrange(depth))
+    a = random_formula(rng, depth - 1)
+    b = random_formula(rng, rng.randrange(depth))
     if kind < 0.5:
         return a + b if kind < 0.2 else a * b
     if kind < 0.6:
         return a ** rng.choice(EXPONENTS)
     if kind < 0.75:
         return pos(a, rng.choice([sympy.Integer(0), *FRACTIONS]))
-    return getattr(sympy, rng.choice(list(taylor_enclosures.FUNCTIONS)))(a)
+    return getattr(sympy, rng.choice(list(taylor_enclosures.MODEL_FUNCTIONS)))(a)
 
 
 def formulas(seed, n):
@@ -217,19 +227,24 @@ def last_times(factor, own):
 WIDENED = ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1")
 UNDERFLOWING = ("product", "exp", "power -3", "positive power 141/20")
 FACTORIALS = last_times(2.5, taylor_enclosures._factorials)
-BINOMIALS = last_times(0.4, taylor_enclosures._binomials)
+BINOMIALS = last_times(0.4, taylor_enclosures._binomial_coefficients)
 CONTROLS = {  # what is spoilt, and operations that need it
-    "widening": (interval, "ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
-    "factors of powers": (interval, "PRODUCT", 0.0, ["positive power 199/2 of intervals"]),
-    "fractional exponents": (interval, "EXPONENT", 0.0, ["positive power 100/7 of intervals"]),
-    "underflow": (taylor, "TINY", 0.0, [f"{name} of models" for name in UNDERFLOWING]),
+    "widening": (interval, "ROUNDING_ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
+    "factors of powers": (interval, "POWER_ERROR_PER_FACTOR", 0.0, ["positive power 199/2 of intervals"]),
+    "fractional exponents": (interval, "EXPONENT_ERROR", 0.0, ["positive power 100/7 of intervals"]),
+    "underflow": (taylor, "UNDERFLOW_ALLOWANCE", 0.0, [f"{name} of models" for name in UNDERFLOWING]),
     "rounding of sums": (taylor, "EPS", 0.0, ["sum of models"]),
     "rounding of products": (taylor, "EPS", 0.0, ["product of models"]),
     "rounding of numbers": (taylor, "EPS", 0.0, ["times -0.3333333333333333 of models"]),
     "coefficients of powers": (taylor_enclosures, "EPS", 0.0, ["positive power 100/7 of models"]),
     "last factorial": (taylor_enclosures, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
-    "last binomial": (taylor_enclosures, "_binomials", BINOMIALS, ["positive power 3/2 of models"]),
-    "Cauchy's estimate": (taylor_enclosures, "AROUND_TANH", 0.01, ["tanh of models"]),
+    "last binomial": (
+        taylor_enclosures,
+        "_binomial_coefficients",
+        BINOMIALS,
+        ["positive power 3/2 of models"],
+    ),
+    "Cauchy's estimate": (taylor_enclosures, "MAX_TANH_ON_CIRCLE", 0.01, ["tanh of models"]),
 }
 
 
@@ -243,7 +258,11 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", taylor_enclosures, "OF_TANH")]
+    ("name", "module", "constant"),
+    [
+        ("exp", taylor, "FUNCTION_COEFFICIENT_ERROR"),
+        ("tanh", taylor_enclosures, "TANH_COEFFICIENT_ERROR"),
+    ],
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
@@ -257,7 +276,8 @@ def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, 
 @pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])
 def test_functions_of_numpy_are_off_by_less_than_four_units(name):
     """Of arguments of all sizes, subnormal and huge ones; what overflows is beyond the largest number."""
-    x, of = numbers(np.random.default_rng(4), 2000), getattr(arb, name)
+    x = numbers(np.random.default_rng(4), 2000)
+    of = getattr(arb, name)
     x = np.abs(x[x != 0]) if name in ("log", "sqrt") else x
     with np.errstate(over="ignore"):
         found = getattr(np, name)(x)
@@ -281,7 +301,7 @@ def test_an_extremum_between_two_neighbouring_numbers_is_not_missed(monkeypatch)
     ends = lower, np.nextafter(lower, np.inf)
     assert all(between(a, c, b) for a, c, b in zip(ends[0].tolist(), crests, ends[1].tolist(), strict=True))
     assert (interval.sin(ends)[1] == 1.0).all()
-    monkeypatch.setattr(interval, "NEAR_EXTREMUM", 0.0)
+    monkeypatch.setattr(interval, "EXTREMUM_TOLERANCE", 0.0)
     assert (interval.sin(ends)[1] < 1.0).any()
 
 
@@ -289,8 +309,8 @@ def test_tanh_near_the_real_axis():
     """|tanh| <= AROUND_TANH where |Im z| <= 1; the largest is at z = i, tan 1."""
     for x in np.linspace(-3, 3, 61).tolist():
         for y in np.linspace(-1, 1, 21).tolist():
-            assert abs(acb(x, y).tanh()) <= taylor_enclosures.AROUND_TANH
-    assert abs(acb(0, 1).tanh()) > taylor_enclosures.AROUND_TANH * (1 - 1e-3)
+            assert abs(acb(x, y).tanh()) <= taylor_enclosures.MAX_TANH_ON_CIRCLE
+    assert abs(acb(0, 1).tanh()) > taylor_enclosures.MAX_TANH_ON_CIRCLE * (1 - 1e-3)
 
 
 LEAVING = {
@@ -313,8 +333,8 @@ LEAVING = {
 def test_formulas_of_which_parts_leave_the_range(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
-    formula = parse(text, ("x", "y"), "here")
-    model = taylor_enclosures.evaluate(formula, box(4, centre, half * np.eye(2)))
+    formula = parse_formula(text, ("x", "y"), "here")
+    model = taylor_enclosures.enclose_formula(formula, box(4, centre, half * np.eye(2)))
 
     def answer(sigma):
         x, y = (exact(c) + exact(half) * s for c, s in zip(centre, sigma, strict=True))
@@ -344,17 +364,19 @@ NUMBERS = [
 @pytest.mark.parametrize("text", NUMBERS)
 def test_numbers_of_formulas_are_enclosed(text):
     """Against arb, where functions are taken of numbers of hundreds of digits, too."""
-    e = symbolic(parse(text, (), "here"))
-    found = evaluate(e, {X: constant(basis(2, 2), (np.zeros(1), np.ones(1)))})
+    e = symbolic(parse_formula(text, (), "here"))
+    found = evaluate(e, {X: range_model(monomial_basis(2, 2), (np.zeros(1), np.ones(1)))})
     assert certain(lambda: holds(found, 0, [0.0, 0.0], value(e, {})))
-    assert found.rad[0] <= 32 * np.spacing(np.abs(found.c[0, 0])) + 2 * taylor.TINY
-    wrong = Model(found.basis, found.c * (1 + 1e-14) + 4 * taylor.TINY, found.rad, found.range)
+    assert found.rad[0] <= 32 * np.spacing(np.abs(found.c[0, 0])) + 2 * taylor.UNDERFLOW_ALLOWANCE
+    wrong = TaylorModel(
+        found.basis, found.c * (1 + 1e-14) + 4 * taylor.UNDERFLOW_ALLOWANCE, found.rad, found.range
+    )
     assert certain(lambda: holds(wrong, 0, [0.0, 0.0], value(e, {}))) is False
 
 
 def test_numbers_beyond_the_largest_and_the_smallest():
     """They are enclosed, too: 10^400 and its inverse, as numbers and as factors."""
-    x = affine(basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
+    x = affine_model(monomial_basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
     for e in (sympy.Integer(10) ** 400, sympy.Rational(1, 10**400), -(sympy.Integer(10) ** 400)):
         for formula in (e + X, e * X, e * sympy.sin(X)):
             found = evaluate(formula, {X: x})

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from unilateral.formulas.decimals import down, interval, percent, up
+from unilateral.formulas.decimals import format_down, format_interval, format_percent, format_up
 
 SPECS = (".4e", ".0e", ".1e", ".2f", ".0f", ".6g", ".3g", ".1g")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -28,32 +28,33 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 @example(1.7976931348623157e308, ".1e")
 def test_a_number_lies_between_what_is_printed_below_and_above_it(x, spec):
     """And nothing nearer could have been printed: what Python rounds to nearest is one of both."""
-    lower, upper = down(x, spec), up(x, spec)
+    lower = format_down(x, spec)
+    upper = format_up(x, spec)
     assert Decimal(lower) <= Decimal(x) <= Decimal(upper)
     assert format(x, spec) in (lower, upper)
     assert (lower == upper) == (Decimal(lower) == Decimal(x))
 
 
 def test_plain_rounding_misses_both_ways():
-    assert Decimal(f"{4 / 3:.4e}") < Decimal(4 / 3) < Decimal(up(4 / 3, ".4e"))
-    assert Decimal(down(2 / 3, ".4e")) < Decimal(2 / 3) < Decimal(f"{2 / 3:.4e}")
+    assert Decimal(f"{4 / 3:.4e}") < Decimal(4 / 3) < Decimal(format_up(4 / 3, ".4e"))
+    assert Decimal(format_down(2 / 3, ".4e")) < Decimal(2 / 3) < Decimal(f"{2 / 3:.4e}")
 
 
 @pytest.mark.parametrize("x", [0.0, -0.0, math.inf, -math.inf, math.nan])
 @pytest.mark.parametrize("spec", SPECS)
 def test_what_has_no_digits_is_written_as_it_is(x, spec):
-    assert up(x, spec) == down(x, spec) == format(x, spec)
+    assert format_up(x, spec) == format_down(x, spec) == format(x, spec)
 
 
 def test_two_bounds():
-    assert interval(1 / 3, 2 / 3, spec=".2f") == "between 0.33 and 0.67"
-    assert interval(4 / 3, 4 / 3, 4 / 3, ".4e") == "1.3333e+00, between 1.3333e+00 and 1.3334e+00"
+    assert format_interval(1 / 3, 2 / 3, spec=".2f") == "between 0.33 and 0.67"
+    assert format_interval(4 / 3, 4 / 3, 4 / 3, ".4e") == "1.3333e+00, between 1.3333e+00 and 1.3334e+00"
 
 
 @pytest.mark.parametrize("spec", ["", "4e", ".e", ".2%", "10.2f", ".2F"])
 def test_other_formats_are_refused(spec):
     with pytest.raises(ValueError, match="is not a format such as"):
-        up(1.0, spec)
+        format_up(1.0, spec)
 
 
 def test_a_number_with_its_distance_has_both_bounds_between():
@@ -61,25 +62,28 @@ def test_a_number_with_its_distance_has_both_bounds_between():
     rng = np.random.default_rng(5)
     for _ in range(2000):
         value = float(rng.normal() * 10.0 ** rng.uniform(-300, 300))
-        below, above = (float(10.0 ** rng.uniform(-12, 3) * abs(value)) for _ in range(2))
-        lower, upper = value - below, value + above
-        text = interval(lower, upper, value)
+        below = float(10.0 ** rng.uniform(-12, 3) * abs(value))
+        above = float(10.0 ** rng.uniform(-12, 3) * abs(value))
+        lower = value - below
+        upper = value + above
+        text = format_interval(lower, upper, value)
         shown, _, wide = text.partition(" ± ")
         power = Fraction(10) ** int(text.partition("e")[2] or 0)
-        shown, wide = (Fraction(each.strip("()").partition(")")[0]) * power for each in (shown, wide))
+        shown = Fraction(shown.strip("()").partition(")")[0]) * power
+        wide = Fraction(wide.strip("()").partition(")")[0]) * power
         assert shown - wide <= Fraction(lower) <= Fraction(upper) <= shown + wide
         of, low, high = map(Fraction, (value, lower, upper))
         assert wide <= Fraction(12, 10) * max(high - of, of - low)
 
 
 def test_a_number_without_a_distance_or_bound():
-    assert interval(0.0, 0.0, 0.0) == "0 ± 0"
-    assert interval(1.23456, math.inf, 2.0) == "2, at least 1.234"
-    assert interval(-math.inf, 0.55485, 0.4857) == "0.4857, at most 0.5549"
+    assert format_interval(0.0, 0.0, 0.0) == "0 ± 0"
+    assert format_interval(1.23456, math.inf, 2.0) == "2, at least 1.234"
+    assert format_interval(-math.inf, 0.55485, 0.4857) == "0.4857, at most 0.5549"
 
 
 @given(st.floats(1e-300, 1e300))
 @settings(max_examples=200, derandomize=True, deadline=None)
 def test_a_percentage_is_not_below_the_part(part):
-    found = Fraction(percent(part).removesuffix(" %"))
+    found = Fraction(format_percent(part).removesuffix(" %"))
     assert 100 * Fraction(part) <= found <= 111 * Fraction(part)

@@ -5,7 +5,7 @@ import pytest
 import sympy
 
 from unilateral.formulas.derivative import derivative
-from unilateral.formulas.formula import compile_numpy, parse
+from unilateral.formulas.formula import compile_numpy, parse_formula
 
 SMOOTH = [
     "x**3*y - 2*x*y**2 + 7",
@@ -23,7 +23,7 @@ PLACES = np.random.default_rng(0).uniform(-1, 1, (2, 50))
 @pytest.mark.parametrize("text", SMOOTH)
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_it_is_what_sympy_finds(text: str, name: str) -> None:
-    found = compile_numpy([derivative(parse(text, "xy", "here"), name)], "xy")(*PLACES)[0]
+    found = compile_numpy([derivative(parse_formula(text, "xy", "here"), name)], "xy")(*PLACES)[0]
     x, y = sympy.symbols("x y", real=True)
     exact = sympy.lambdify(
         (x, y), sympy.diff(sympy.sympify(text, {"x": x, "y": y}), {"x": x, "y": y}[name]), "numpy"
@@ -35,8 +35,8 @@ def test_it_is_what_sympy_finds(text: str, name: str) -> None:
     ("text", "powers"), [("pos(x - y, 1)", 1), ("pos(x**2 - y, 2)*x", 2), ("pos(x, 5/2)", 2)]
 )
 def test_of_positive_parts_away_from_the_kink(text: str, powers: int) -> None:
-    value = compile_numpy([parse(text, "xy", "here")], "xy")
-    found = compile_numpy([derivative(parse(text, "xy", "here"), "x")], "xy")(*PLACES)[0]
+    value = compile_numpy([parse_formula(text, "xy", "here")], "xy")
+    found = compile_numpy([derivative(parse_formula(text, "xy", "here"), "x")], "xy")(*PLACES)[0]
     h = 1e-6
     central = (value(PLACES[0] + h, PLACES[1])[0] - value(PLACES[0] - h, PLACES[1])[0]) / (2 * h)
     assert np.sum(np.abs(found - central) > 1e-6) <= (powers == 1)
@@ -44,8 +44,9 @@ def test_of_positive_parts_away_from_the_kink(text: str, powers: int) -> None:
 
 def test_equal_factors_become_a_power() -> None:
     """By hand: (s^3)'' = 6 s s'^2 + 3 s^2 s'', and s'^2 is enclosed closer than s' s'. Control: no s'."""
-    f, s = parse("pos((x - 1/3)*(2/3 - x), 3)", "x", "here"), "(x - 1/3)*(2/3 - x)"
+    f = parse_formula("pos((x - 1/3)*(2/3 - x), 3)", "x", "here")
+    s = "(x - 1/3)*(2/3 - x)"
     by_hand = f"6*pos({s}, 1)*(1 - 2*x)**2 - 6*pos({s}, 2)"
     second = derivative(derivative(f, "x"), "x")
-    assert second == parse(by_hand, "x", "here")
-    assert second != parse(by_hand.replace("*(1 - 2*x)**2", ""), "x", "here")
+    assert second == parse_formula(by_hand, "x", "here")
+    assert second != parse_formula(by_hand.replace("*(1 - 2*x)**2", ""), "x", "here")

@@ -14,8 +14,8 @@ from symbolic import X, Y, compile_numpy, symbolic
 from unilateral.errors import InputError
 from unilateral.formulas import formula, grammar
 from unilateral.formulas.derivative import derivative
-from unilateral.formulas.exact_numbers import rounded
-from unilateral.formulas.formula import kinks, number, parse
+from unilateral.formulas.exact_numbers import as_float
+from unilateral.formulas.formula import find_kinks, parse_formula, parse_number
 from unilateral.formulas.interval import positive_power
 
 
@@ -44,7 +44,7 @@ from unilateral.formulas.interval import positive_power
     ],
 )
 def test_numbers_are_exact(text, value):
-    assert symbolic(number(text, "here")) == value
+    assert symbolic(parse_number(text, "here")) == value
 
 
 def test_functions_are_sympys():
@@ -56,7 +56,7 @@ def test_functions_are_sympys():
         + sympy.log(1 + X**2)
         + sympy.sqrt(2 + Y)
     )
-    assert symbolic(parse(text, ("x", "y"), "here")) == expected
+    assert symbolic(parse_formula(text, ("x", "y"), "here")) == expected
 
 
 NO_CONDITION = (  # not the step of another condition than the one that is written
@@ -173,7 +173,7 @@ REFUSED = {
 @pytest.mark.parametrize(("text", "message"), REFUSED.items(), ids=[text[:30] for text in REFUSED])
 def test_refusals_name_the_place_and_the_part(text, message):
     with pytest.raises(InputError) as refusal:
-        parse(text, ("x", "y"), "file.yaml, field u[0]")
+        parse_formula(text, ("x", "y"), "file.yaml, field u[0]")
     assert str(refusal.value).startswith("file.yaml, field u[0]: ")
     assert message in str(refusal.value)
 
@@ -199,9 +199,9 @@ def test_limits_are_looked_at_before_the_work(text, monkeypatch):
     operators = {kind: recording(operation) for kind, operation in grammar.OPERATORS.items()}
     monkeypatch.setattr(grammar, "OPERATORS", operators)
     with pytest.raises(InputError):
-        parse(text, ("x", "y"), "here")
+        parse_formula(text, ("x", "y"), "here")
     assert max(made, default=0) <= 100
-    assert symbolic(parse("(x + y)**3", ("x", "y"), "here")) == (X + Y) ** 3
+    assert symbolic(parse_formula("(x + y)**3", ("x", "y"), "here")) == (X + Y) ** 3
     assert made[-1] == 3
 
 
@@ -219,19 +219,19 @@ def test_limits_are_looked_at_before_the_work(text, monkeypatch):
 )
 def test_a_formula_at_a_limit_is_read(text):
     """With one more of what is limited it is refused above; functions of numbers are numbers."""
-    assert parse(text, ("x", "y"), "here").variables <= {"x", "y"}
+    assert parse_formula(text, ("x", "y"), "here").variables <= {"x", "y"}
 
 
 def test_a_message_quotes_the_beginning_of_a_long_formula():
     with pytest.raises(InputError) as refusal:
-        parse("x + " + "y" * 1000, ("x", "y"), "here")
+        parse_formula("x + " + "y" * 1000, ("x", "y"), "here")
     assert str(refusal.value).startswith(f"here: '{'y' * 57}...' is unknown; known are x, y, pi")
 
 
 @pytest.mark.parametrize("part", ["{}%", "{}x", "0{}", "{},5", "{}^x", "{}(x)", "{}[0]"])
 def test_a_hint_quotes_the_beginning_of_a_long_number(part):
     with pytest.raises(InputError) as refusal:
-        parse(part.format("9" * 1000), ("x", "y"), "here")
+        parse_formula(part.format("9" * 1000), ("x", "y"), "here")
     assert "999..." in str(refusal.value)
     assert len(str(refusal.value)) < 300
 
@@ -240,12 +240,12 @@ def test_a_hint_quotes_the_beginning_of_a_long_number(part):
 def test_python_s_own_warnings_are_not_shown():
     """Of '1or x' Python's parser says that a decimal literal is invalid; our refusal says it, too."""
     with sentences.raises(InputError):
-        parse("1or x", ("x", "y"), "here")
+        parse_formula("1or x", ("x", "y"), "here")
 
 
 def test_a_number_has_no_variables():
     with sentences.raises(InputError):
-        number("x", "gap")
+        parse_number("x", "gap")
 
 
 @given(st.text(alphabet="xyp0123456789.eE_jJ+-*/%()[]{},:;<>=!~@#'\" \n\\os(λ", max_size=40))
@@ -253,7 +253,7 @@ def test_a_number_has_no_variables():
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")
 def test_any_text_parses_or_is_refused(text):
     try:
-        value = parse(text, ("x", "y"), "here")
+        value = parse_formula(text, ("x", "y"), "here")
     except InputError:
         return
     assert value.variables <= {"x", "y"}
@@ -277,7 +277,7 @@ PIECES = st.recursive(
 def test_any_formula_parses_to_reals_or_is_refused(text):
     """And what parses can be evaluated; a value may still be infinite, where a formula is singular."""
     try:
-        value = parse(text, ("x", "y"), "here")
+        value = parse_formula(text, ("x", "y"), "here")
     except InputError:
         return
     with np.errstate(all="ignore"):
@@ -288,9 +288,11 @@ def test_any_formula_parses_to_reals_or_is_refused(text):
 @pytest.mark.parametrize("k", ["1", "3/2", "2", "7/3", "4"])
 def test_derivative_of_pos(k):
     """Against central differences, whose error is O(step^2) = 1e-10; exactly 0 where the argument is <= 0."""
-    f = parse(f"pos(2*t - 1, {k})", ("t",), "here")
-    value, slope = (formula.compile_numpy([g], "t") for g in (f, derivative(f, "t")))
-    t, step = np.linspace(0.6, 1.4, 9), 1e-5
+    f = parse_formula(f"pos(2*t - 1, {k})", ("t",), "here")
+    value = formula.compile_numpy([f], "t")
+    slope = formula.compile_numpy([derivative(f, "t")], "t")
+    t = np.linspace(0.6, 1.4, 9)
+    step = 1e-5
     difference = (value(t + step)[0] - value(t - step)[0]) / (2 * step)
     np.testing.assert_allclose(slope(t)[0], difference, rtol=1e-8)
     left = np.array([-1.0, 0.0, 0.25, 0.5])
@@ -329,7 +331,7 @@ def near(root):
 )
 def test_kinks_with_their_exponents(text, expected):
     """Roots by hand: (t - 1/3)(2/3 - t) has two, t^2 + 1 has none, 2 - 3 t one."""
-    assert kinks(parse(text, ("t",), "here"), "t") == expected
+    assert find_kinks(parse_formula(text, ("t",), "here"), "t") == expected
 
 
 @pytest.mark.parametrize(
@@ -341,11 +343,12 @@ def test_kinks_with_their_exponents(text, expected):
 )
 def test_hidden_kinks_are_refused(text, message):
     with pytest.raises(ValueError, match=message):
-        kinks(parse(text, ("t",), "here"), "t")
+        find_kinks(parse_formula(text, ("t",), "here"), "t")
 
 
 def test_compiled_constants_have_the_shape_of_the_arguments():
-    x, y = np.linspace(0, 1, 3)[:, None], np.linspace(0, 1, 4)
+    x = np.linspace(0, 1, 3)[:, None]
+    y = np.linspace(0, 1, 4)
     one, product = compile_numpy([sympy.Rational(1, 3), X * Y], (X, Y))(x, y)
     assert one.shape == product.shape == (3, 4)
     assert np.all(one == 1 / 3)
@@ -354,7 +357,8 @@ def test_compiled_constants_have_the_shape_of_the_arguments():
 
 def test_a_fraction_beyond_all_floats_is_infinite():
     """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
-    huge, large = sympy.Rational(10**400, 3), sympy.Rational(10**300, 3)
+    huge = sympy.Rational(10**400, 3)
+    large = sympy.Rational(10**300, 3)
     found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
     assert np.array_equal(found[0], [np.inf])
     assert found[1] == pytest.approx([1e300 / 6])
@@ -362,7 +366,7 @@ def test_a_fraction_beyond_all_floats_is_infinite():
 
 @pytest.mark.parametrize(("text", "value"), [("exp(-1000)", 1), ("tanh(400) - 1", 0), ("1 - tanh(400)", 1)])
 def test_a_step_of_a_number_sees_digits_that_floats_do_not_have(text, value):
-    assert parse(f"pos({text}, 0)", (), "here").rational == value
+    assert parse_formula(f"pos({text}, 0)", (), "here").rational == value
 
 
 def test_numbers_that_cancel_are_told_to_the_last_digit():
@@ -370,7 +374,9 @@ def test_numbers_that_cancel_are_told_to_the_last_digit():
     with mpmath.workdps(200):
         digits = mpmath.nstr(mpmath.floor(mpmath.pi * 10**120), 121).removesuffix(".0")
         rest = float(mpmath.pi * 10**120 - mpmath.mpf(digits)) * 1e-120
-    assert float(rounded(parse(f"pi - {digits}/1{'0' * 120}", (), "here"))) == pytest.approx(rest, rel=1e-14)
+    assert float(as_float(parse_formula(f"pi - {digits}/1{'0' * 120}", (), "here"))) == pytest.approx(
+        rest, rel=1e-14
+    )
 
 
 WRITTEN = {
@@ -387,6 +393,6 @@ WRITTEN = {
 @pytest.mark.parametrize(("wanted", "typed"), WRITTEN.items())
 def test_a_formula_is_written_so_that_it_could_be_typed(wanted, typed):
     """By hand: terms below 0 last, a rational number last of the others. It is read as the same formula."""
-    found = parse(typed, "xy", "f")
+    found = parse_formula(typed, "xy", "f")
     assert str(found) == wanted
-    assert parse(str(found), "xy", "f") == found
+    assert parse_formula(str(found), "xy", "f") == found

@@ -43,7 +43,8 @@ def random_polynomials():
 def test_the_roots_are_those_that_sympy_finds():
     """To one unit in the last place. Control: of a polynomial plus 1 they are others."""
     for coefficients in random_polynomials():
-        found, expected = real_roots(coefficients), by_sympy(coefficients)
+        found = real_roots(coefficients)
+        expected = by_sympy(coefficients)
         assert len(found) == len(expected), coefficients
         assert all(abs(a - b) <= math.ulp(b) for a, b in zip(found, expected, strict=True)), coefficients
         assert not {*real_roots([*coefficients[:-1], coefficients[-1] + 1])} & {*found}

@@ -8,53 +8,61 @@ from nested import coarse
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.adapted import SHORTEST, UNIT, adapted, marked, refined
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.adapted import (
+    FIRST_EDGE_LENGTH,
+    MAX_CELL_EDGE_RATIO,
+    mark_triangles,
+    refine_and_balance,
+    start_adapted_mesh,
+)
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 FIRST = ["lshape 2", "slanted"]
 
 
 def at_random(name):
     """A third of the triangles chosen again and again, in an ever smaller part of the domain."""
-    first, rng = coarse(name), np.random.default_rng(2)
-    of = adapted(first)
+    first = coarse(name)
+    rng = np.random.default_rng(2)
+    of = start_adapted_mesh(first)
     for k in range(6):
         centre = of.mesh.points[of.mesh.triangles].mean(axis=1)
         near = np.flatnonzero(np.hypot(*(centre - first.points[first.boundary[3]]).T) < 2.0**-k)
-        of = refined(of, rng.choice(near, len(near) // 3 + 1))
+        of = refine_and_balance(of, rng.choice(near, len(near) // 3 + 1))
     return of
 
 
 def at_a_corner(times):
     """Of the unit square, its triangle at a vertex halved so often."""
-    of = adapted(coarse("square 2"))
+    of = start_adapted_mesh(coarse("square 2"))
     for _ in range(times):
         corner = np.flatnonzero(np.hypot(*of.mesh.points[of.mesh.triangles].min(axis=1).T) == 0)
-        of = refined(of, corner)
+        of = refine_and_balance(of, corner)
     return of
 
 
 def test_arc_lengths_are_exact():
     """On the unit square arc lengths and places are the same dyadic numbers, 30 halvings deep."""
     of = at_a_corner(30)
-    assert np.array_equal(of.mesh.s, of.at / UNIT / 2)
+    assert np.array_equal(of.mesh.s, of.positions / FIRST_EDGE_LENGTH / 2)
     assert np.diff(of.mesh.s).min() == 2.0**-31
-    assert np.isin(structured(square(), 1 / 2).s, of.mesh.s).all()
+    assert np.isin(make_structured_mesh(square(), 1 / 2).s, of.mesh.s).all()
 
 
 @pytest.mark.parametrize("name", [*FIRST, "corner"])
 def test_every_edge_is_at_most_half_and_at_least_a_quarter_of_its_cell(name):
     """The rule of stability, in arc lengths; and that no cell is longer than SHORTEST times its edges."""
     of = at_a_corner(12) if name == "corner" else at_random(name)
-    edges, cells = np.diff(of.mesh.s), of.partition
+    edges = np.diff(of.mesh.s)
+    cells = of.partition
     assert np.ptp(np.log2(edges)) > 3
     assert np.isin(cells.points, of.mesh.s).all()
     length = cells.lengths[np.searchsorted(cells.points, of.mesh.s[:-1], side="right") - 1]
     assert np.all(edges <= 0.5 * length * (1 + 1e-12))
-    assert np.all(length <= SHORTEST * edges * (1 + 1e-12))
+    assert np.all(length <= MAX_CELL_EDGE_RATIO * edges * (1 + 1e-12))
     np.testing.assert_array_equal(of.cell, np.searchsorted(cells.points, of.mesh.s[:-1], side="right") - 1)
-    assert cells.n_cells >= len(edges) / SHORTEST
+    assert cells.n_cells >= len(edges) / MAX_CELL_EDGE_RATIO
 
 
 def test_edges_in_geometric_progression_are_not_one_cell():
@@ -62,30 +70,32 @@ def test_edges_in_geometric_progression_are_not_one_cell():
     of = at_a_corner(12)
     bottom = np.diff(of.mesh.s)[of.mesh.side == 0]
     assert bottom.min() == 2.0**-13
-    assert of.partition.lengths[0] <= SHORTEST * 2.0**-13
+    assert of.partition.lengths[0] <= MAX_CELL_EDGE_RATIO * 2.0**-13
     assert np.count_nonzero(of.partition.side == 0) >= 12 / 2
-    assert of.unbalanced.size == 0
+    assert of.unbalanced_triangles.size == 0
 
 
 def test_the_first_cells_have_two_edges():
-    of = adapted(coarse("lshape 2"))
-    np.testing.assert_array_equal(of.partition.points, partitions.uniform(named("lshape"), 1).points)
+    of = start_adapted_mesh(coarse("lshape 2"))
+    np.testing.assert_array_equal(
+        of.partition.points, partitions.make_uniform_partition(find_polygon("lshape"), 1).points
+    )
 
 
 def test_chosen_triangles_are_cut_in_four_whatever_else_balance_needs():
-    of = adapted(coarse("slanted"))
+    of = start_adapted_mesh(coarse("slanted"))
     chosen = np.arange(0, len(of.mesh.triangles), 5)
-    finer = refined(of, chosen)
+    finer = refine_and_balance(of, chosen)
     count = np.bincount(finer.mesh.steps[0].parent, minlength=len(of.mesh.triangles))
     assert np.all(count[chosen] == 4)
-    assert finer.unbalanced.size == 0
-    assert refined(finer, np.zeros(0, dtype=int)) is finer
+    assert finer.unbalanced_triangles.size == 0
+    assert refine_and_balance(finer, np.zeros(0, dtype=int)) is finer
 
 
 def test_the_fewest_triangles_with_half_of_the_sum_are_marked():
-    mesh = structured(square(), 1 / 4)
+    mesh = make_structured_mesh(square(), 1 / 4)
     shares = np.random.default_rng(0).random(len(mesh.triangles))
-    found = marked(mesh, shares)
+    found = mark_triangles(mesh, shares)
     assert shares[found].sum() >= 0.5 * shares.sum() > shares[found].sum() - shares[found].min()
     assert shares[found].min() >= np.delete(shares, found).max()
 
@@ -93,9 +103,9 @@ def test_the_fewest_triangles_with_half_of_the_sum_are_marked():
 def test_triangles_as_short_as_rounding_are_not_marked():
     """Of the square moved by 1e9, whose coordinates are rounded by 1e-7: from 0.1 on."""
     far = Polygon(square().vertices + 1e9, "far")
-    fine = structured(square(), 1 / 16)
+    fine = make_structured_mesh(square(), 1 / 16)
     mesh = meshes.Mesh(far, fine.points + 1e9, fine.triangles, fine.boundary, fine.s)
     shares = np.ones(len(mesh.triangles))
-    assert len(marked(fine, shares)) == len(shares) / 2
+    assert len(mark_triangles(fine, shares)) == len(shares) / 2
     with sentences.raises(InputError):
-        marked(mesh, shares)
+        mark_triangles(mesh, shares)

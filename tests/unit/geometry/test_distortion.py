@@ -17,7 +17,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
-from unilateral.geometry.mesh import refine, unstructured
+from unilateral.geometry.mesh import make_unstructured_mesh, refine_uniformly
 from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.norms.oscillation import trace_constants, value_constants
@@ -39,12 +39,14 @@ def digits(numbers):
 def test_shifts_are_at_least_the_distances_and_hardly_more(place, push):
     """Of nodes that are pushed along their sides by a part of it; the rest is some units of its length."""
     polygon = Polygon(KITE + place)
-    mesh = refine(unstructured(polygon, 0.4))
-    side, s = mesh.side, mesh.s[:-1]
+    mesh = refine_uniformly(make_unstructured_mesh(polygon, 0.4))
+    side = mesh.side
+    s = mesh.s[:-1]
     places = mesh.points[mesh.boundary] + push * polygon.tangents[side]
-    found = exact_mesh.shifts(polygon, places, side, s)
+    found = exact_mesh.boundary_node_shifts(polygon, places, side, s)
     with mp.workdps(50):
-        vertices, starts = digits(polygon.vertices), digits([polygon.starts])[0]
+        vertices = digits(polygon.vertices)
+        starts = digits([polygon.starts])[0]
         t = [(mpf(float(x)) - starts[i]) / (starts[i + 1] - starts[i]) for x, i in zip(s, side, strict=True)]
         there = vertices[side] + np.array(t)[:, None] * (np.roll(vertices, -1, axis=0) - vertices)[side]
         off = np.array([mp.hypot(*each) for each in digits(places) - there]).astype(float)
@@ -58,11 +60,14 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
     corners = rng.uniform(0, 1, (400, 3, 2)) * [1, 10.0 ** rng.uniform(-4, 0)]
     shift = 1e-6 * rng.uniform(0, 1, (400, 3))
     moved = shift[..., None] * directions(rng.uniform(0, 2 * np.pi, (400, 3)))
-    edges, by = (np.moveaxis(each[:, 1:] - each[:, :1], 1, 2) for each in (corners, moved))
+    edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
+    by = np.moveaxis(moved[:, 1:] - moved[:, :1], 1, 2)
     norms = np.linalg.norm(by @ np.linalg.inv(edges), 2, axis=(1, 2))
-    points, triangles = corners.reshape(-1, 2), np.arange(1200).reshape(-1, 3)
-    areas, longest = np.abs(signed_areas(points, triangles)), longest_edges(points, triangles)
-    found = exact_mesh.distortion(shift.ravel(), triangles, longest, areas)
+    points = corners.reshape(-1, 2)
+    triangles = np.arange(1200).reshape(-1, 3)
+    areas = np.abs(signed_areas(points, triangles))
+    longest = longest_edges(points, triangles)
+    found = exact_mesh.distortion_bounds(shift.ravel(), triangles, longest, areas)
     assert np.all(norms <= found)
     assert np.max(norms / found) > 0.7
 
@@ -70,34 +75,40 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
 def test_distortions_hold_the_rounding_of_areas():
     """Of needles in all directions, whose areas are differences of rounded products."""
     rng = np.random.default_rng(8)
-    angle, flat = rng.uniform(0, 2 * np.pi, 2000), 10.0 ** rng.uniform(-8, -1, 2000)
-    along, across = directions(angle), directions(angle + np.pi / 2)
+    angle = rng.uniform(0, 2 * np.pi, 2000)
+    flat = 10.0 ** rng.uniform(-8, -1, 2000)
+    along = directions(angle)
+    across = directions(angle + np.pi / 2)
     place = rng.uniform(-1, 1, (2000, 2))
     corners = np.stack([place, place + along, place + 0.4 * along + flat[:, None] * across], axis=1)
-    points, triangles = corners.reshape(-1, 2), np.arange(6000).reshape(-1, 3)
+    points = corners.reshape(-1, 2)
+    triangles = np.arange(6000).reshape(-1, 3)
     areas = signed_areas(points, triangles)
-    (a, b, c), exactly = np.moveaxis(corners, 1, 0), np.vectorize(Fraction, otypes=[object])
-    (e, f), (p, q) = (exactly(b).T - exactly(a).T, exactly(c).T - exactly(a).T)
+    (a, b, c) = np.moveaxis(corners, 1, 0)
+    exactly = np.vectorize(Fraction, otypes=[object])
+    (e, f) = exactly(b).T - exactly(a).T
+    (p, q) = exactly(c).T - exactly(a).T
     off = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
-    found = exact_mesh.distortion(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
+    found = exact_mesh.distortion_bounds(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
     assert 0.01 < np.max(off / found) <= 1
 
 
 def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
     """By a part of the triangle's height, across the edge: D Phi - I is that part."""
-    shift, triangle = np.array([0.0, 0.0, 2e-6]), np.array([[0, 1, 2]])
-    found = exact_mesh.distortion(shift, triangle, np.array([2.0]), np.array([0.02]))
+    shift = np.array([0.0, 0.0, 2e-6])
+    triangle = np.array([[0, 1, 2]])
+    found = exact_mesh.distortion_bounds(shift, triangle, np.array([2.0]), np.array([0.02]))
     assert_allclose(found, 2e-6 / 0.02, rtol=1e-6)
 
 
 def test_vertices_and_straight_meshes_have_no_shift():
     """Coordinates of dyadic size on sides parallel to the axes are exact."""
-    mesh = refine(unstructured(square(), 1 / 4))
+    mesh = refine_uniformly(make_unstructured_mesh(square(), 1 / 4))
     vertices = np.isin(mesh.s[:-1], square().starts)
-    assert np.all(mesh.shift[mesh.boundary[vertices]] == 0)
+    assert np.all(mesh.node_shifts[mesh.boundary[vertices]] == 0)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    assert np.all(mesh.shift[inside] == 0)
-    assert mesh.shift.max() <= 5 * EPS
+    assert np.all(mesh.node_shifts[inside] == 0)
+    assert mesh.node_shifts.max() <= 5 * EPS
 
 
 def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
@@ -105,7 +116,8 @@ def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
     rng = np.random.default_rng(4)
     polygon = Polygon(directions(np.sort(rng.uniform(0, 2 * np.pi, 200))) / 3)
     with mp.workdps(50):
-        vertices, starts = digits(polygon.vertices), digits([polygon.starts])[0]
+        vertices = digits(polygon.vertices)
+        starts = digits([polygon.starts])[0]
         lengths = np.array([mp.hypot(*edge) for edge in np.roll(vertices, -1, axis=0) - vertices])
         off = np.abs((np.diff(starts) - lengths) / lengths).astype(float)
     assert np.all(off <= polygon.stretch)
@@ -115,7 +127,7 @@ def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
 def test_sides_that_rounding_stretches_have_no_bound():
     polygon = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 1e-13]]), "cut")
     with sentences.raises(InputError):
-        exact_mesh.check(polygon, np.zeros((3, 2)), np.arange(3)[None], np.zeros(1))
+        exact_mesh.check_distortion(polygon, np.zeros((3, 2)), np.arange(3)[None], np.zeros(1))
 
 
 @pytest.mark.parametrize("way", ["apart", "anyhow"])
@@ -126,27 +138,26 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
     """
     rng = np.random.default_rng(6)
     polygon = Polygon(KITE - KITE.mean(axis=0))
-    mesh = in_doubt(unstructured(polygon, 1.0), 1e-4)
+    mesh = in_doubt(make_unstructured_mesh(polygon, 1.0), 1e-4)
     off = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
     moved = replace(mesh, points=mesh.points + 1e-4 * off)
     values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
     grown = [energy_norm(moved, v) / energy_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
     edges = np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for constants in (trace_constants, partial(value_constants, form=Form(1.0, 3.0))):
-        old, new = (
-            np.sqrt(constants(of) * np.hypot(*np.diff(of.points[edges], axis=0)[0].T)) for of in (mesh, moved)
-        )
+        old = np.sqrt(constants(mesh) * np.hypot(*np.diff(mesh.points[edges], axis=0)[0].T))
+        new = np.sqrt(constants(moved) * np.hypot(*np.diff(moved.points[edges], axis=0)[0].T))
         grown += [*(new / old), *(old / new)]
     grown += [*(moved.longest_edges * np.sqrt(moved.areas) / mesh.longest_edges / np.sqrt(mesh.areas))]
-    assert 0.02 * (mesh.growth - 1) < max(grown) - 1 <= mesh.growth - 1
+    assert 0.02 * (mesh.exact_mesh_factor - 1) < max(grown) - 1 <= mesh.exact_mesh_factor - 1
 
 
 def test_the_growth_has_the_largest_of_both():
-    assert 1 < coarse("square 1").growth < 1 + 1e-13
+    assert 1 < coarse("square 1").exact_mesh_factor < 1 + 1e-13
 
 
 def test_the_growth_is_what_the_proof_adds_up():
     """Proposition S7: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
-    t = np.linspace(1e-9, 2 * exact_mesh.MOST, 1000)
-    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.GROWTH * t)
-    assert exact_mesh.MOST == 1e-3
+    t = np.linspace(1e-9, 2 * exact_mesh.MAX_DISTORTION, 1000)
+    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.FACTOR_PER_DISTORTION * t)
+    assert exact_mesh.MAX_DISTORTION == 1e-3

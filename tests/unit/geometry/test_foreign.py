@@ -14,7 +14,8 @@ import unilateral as ul
 from unilateral.geometry import foreign, outline
 
 MESH = skfem.MeshTri().refined(3)
-POINTS, TRIANGLES = MESH.p.T, MESH.t.T
+POINTS = MESH.p.T
+TRIANGLES = MESH.t.T
 CENTRES = POINTS[TRIANGLES].mean(axis=1) - 0.5
 
 
@@ -82,7 +83,8 @@ def test_masks_on_objects_of_other_programs_are_seen():
     of_matplotlib = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES)
     of_meshio = meshio.Mesh(in_space(), [("triangle", TRIANGLES)])
     assert ul.mesh(of_matplotlib).n_nodes == ul.mesh(of_meshio).n_nodes == len(POINTS)
-    of_matplotlib.x, of_meshio.points = masked[:, 0], masked
+    of_matplotlib.x = masked[:, 0]
+    of_meshio.points = masked
     for given, field in ((of_matplotlib, "x"), (of_meshio, "points")):
         with sentences.raises(ul.InputError, field):
             ul.mesh(given)

@@ -5,8 +5,8 @@ import pytest
 from nested import coarse, made
 
 from unilateral.geometry import locate
-from unilateral.geometry.locate import containing
-from unilateral.geometry.mesh import unstructured
+from unilateral.geometry.locate import locate_in_triangles
+from unilateral.geometry.mesh import make_unstructured_mesh
 from unilateral.geometry.polygon import Polygon, square
 
 FAR = 1e5 * np.array([1.0, -1.0])
@@ -15,7 +15,7 @@ MESHES = ["square 8", "gmsh", "flat", "one triangle", "far away"]
 
 def mesh_of(name):
     if name == "far away":
-        return unstructured(Polygon(FAR + square().vertices), 0.2)
+        return make_unstructured_mesh(Polygon(FAR + square().vertices), 0.2)
     return made(name, "at random", 6).mesh if name == "flat" else coarse(name)
 
 
@@ -38,14 +38,16 @@ def exactly(mesh, points):
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("block", [7, locate.BLOCK])
+@pytest.mark.parametrize("block", [7, locate.MAX_POINTS_LOCATED])
 def test_points_lie_in_the_triangles_in_which_they_are_found(name, block, monkeypatch):
     """Random ones, inside or not, and nodes and midpoints, which lie in several triangles."""
-    monkeypatch.setattr(locate, "BLOCK", block)
-    mesh, rng = mesh_of(name), np.random.default_rng(3)
-    low, high = mesh.points.min(axis=0) - 0.1, mesh.points.max(axis=0) + 0.1
+    monkeypatch.setattr(locate, "MAX_POINTS_LOCATED", block)
+    mesh = mesh_of(name)
+    rng = np.random.default_rng(3)
+    low = mesh.points.min(axis=0) - 0.1
+    high = mesh.points.max(axis=0) + 0.1
     points = np.concatenate([rng.uniform(low, high, (60, 2)), mesh.points[:20], [[np.nan, 0.5], [np.inf, 0]]])
-    at, triangle, weights = containing(mesh, points)
+    at, triangle, weights = locate_in_triangles(mesh, points)
     places = np.einsum("pi,pid->pd", weights, mesh.points[mesh.triangles[triangle]])
     np.testing.assert_allclose(places, points[at], rtol=1e-14, atol=1e-14)
     for k, expected in enumerate(exactly(mesh, points[:-2])):

@@ -14,25 +14,25 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition
-from unilateral.geometry.mesh import from_arrays, refine, unstructured
-from unilateral.geometry.outline import outline
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import halved_cells, natural_kind, structured
+from unilateral.geometry.mesh import from_arrays, make_unstructured_mesh, refine_uniformly
+from unilateral.geometry.outline import find_outline
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import default_mesh_kind, make_half_cell_mesh, make_structured_mesh
 
 WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(np.pi / 9), np.sin(np.pi / 9)]]), "wedge")
 
 MAKERS = {
-    "square": lambda: structured(square(), 1 / 8),
-    "thirds": lambda: structured(square(), 1 / 3),
-    "lshape": lambda: structured(named("lshape"), 1 / 4),
-    "refined": lambda: refine(structured(named("lshape"), 1 / 3)),
-    "gmsh square": lambda: unstructured(square(), 0.11),
-    "gmsh lshape": lambda: unstructured(named("lshape"), 0.23),
-    "gmsh wedge": lambda: unstructured(WEDGE, 0.05),
-    "gmsh slanted": lambda: unstructured(SLANTED, 0.4),
-    "gmsh refined": lambda: refine(unstructured(SLANTED, 0.7)),
-    "far": lambda: unstructured(Polygon(WEDGE.vertices + np.array([1e4, -3e3]), "far"), 0.1),
-    "tiny": lambda: refine(unstructured(Polygon(1e-9 * SLANTED.vertices, "tiny"), 4e-10)),
+    "square": lambda: make_structured_mesh(square(), 1 / 8),
+    "thirds": lambda: make_structured_mesh(square(), 1 / 3),
+    "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 4),
+    "refined": lambda: refine_uniformly(make_structured_mesh(find_polygon("lshape"), 1 / 3)),
+    "gmsh square": lambda: make_unstructured_mesh(square(), 0.11),
+    "gmsh lshape": lambda: make_unstructured_mesh(find_polygon("lshape"), 0.23),
+    "gmsh wedge": lambda: make_unstructured_mesh(WEDGE, 0.05),
+    "gmsh slanted": lambda: make_unstructured_mesh(SLANTED, 0.4),
+    "gmsh refined": lambda: refine_uniformly(make_unstructured_mesh(SLANTED, 0.7)),
+    "far": lambda: make_unstructured_mesh(Polygon(WEDGE.vertices + np.array([1e4, -3e3]), "far"), 0.1),
+    "tiny": lambda: refine_uniformly(make_unstructured_mesh(Polygon(1e-9 * SLANTED.vertices, "tiny"), 4e-10)),
 }
 
 
@@ -89,18 +89,18 @@ def test_structured_sizes(n):
     """By counting: (n + 1)^2 nodes in a square; three squares share 2 (n + 1) - 1 nodes in the L-shape."""
     for polygon, n_nodes, squares in (
         (square(), (n + 1) ** 2, 1),
-        (named("lshape"), 3 * (n + 1) ** 2 - 2 * n - 2, 3),
+        (find_polygon("lshape"), 3 * (n + 1) ** 2 - 2 * n - 2, 3),
     ):
-        mesh = structured(polygon, 1 / n)
+        mesh = make_structured_mesh(polygon, 1 / n)
         assert mesh.n_nodes == n_nodes
         assert len(mesh.triangles) == 2 * squares * n**2
         assert_allclose((mesh.h, mesh.diameter), (1 / n, np.sqrt(2) / n), rtol=1e-13)
-        assert_array_equal(mesh.s, partition.uniform(polygon, 1 / n).points)
-    assert structured(square(), 1 / (n - 0.5)).n_nodes == (n + 1) ** 2  # the number is rounded up
+        assert_array_equal(mesh.s, partition.make_uniform_partition(polygon, 1 / n).points)
+    assert make_structured_mesh(square(), 1 / (n - 0.5)).n_nodes == (n + 1) ** 2  # the number is rounded up
 
 
 def test_structured_cells_are_cut_from_lower_left_to_upper_right():
-    mesh = structured(named("lshape"), 1 / 2)
+    mesh = make_structured_mesh(find_polygon("lshape"), 1 / 2)
     corners = mesh.points[mesh.triangles]
     vectors = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
     diagonals = vectors[np.abs(vectors).min(axis=1) > 0]
@@ -112,14 +112,14 @@ def test_structured_cells_are_cut_from_lower_left_to_upper_right():
 def test_sizes_that_rounding_takes_away_are_refused_before_gmsh(place):
     """At 1e16 nodes of different places have the same coordinates."""
     with sentences.raises(InputError):
-        unstructured(Polygon(4 * square().vertices + place), 1)
+        make_unstructured_mesh(Polygon(4 * square().vertices + place), 1)
 
 
 def test_unstructured_size_and_shape():
     """Boundary edges as asked for, triangles not much larger, no angle below the wedge's own 20 degrees."""
-    for polygon, h in ((named("lshape"), 0.1), (WEDGE, 0.03)):
-        mesh = unstructured(polygon, h)
-        assert_array_equal(mesh.s, partition.uniform(polygon, h).points)
+    for polygon, h in ((find_polygon("lshape"), 0.1), (WEDGE, 0.03)):
+        mesh = make_unstructured_mesh(polygon, h)
+        assert_array_equal(mesh.s, partition.make_uniform_partition(polygon, h).points)
         assert mesh.h <= h * (1 + 1e-12)
         assert mesh.diameter < 2 * h
         a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
@@ -131,8 +131,10 @@ def test_unstructured_size_and_shape():
 
 
 def test_unstructured_is_deterministic_also_in_a_thread(capfd):
-    results = [unstructured(named("lshape"), 0.2)]
-    thread = threading.Thread(target=lambda: results.append(unstructured(named("lshape"), 0.2)))
+    results = [make_unstructured_mesh(find_polygon("lshape"), 0.2)]
+    thread = threading.Thread(
+        target=lambda: results.append(make_unstructured_mesh(find_polygon("lshape"), 0.2))
+    )
     thread.start()
     thread.join()
     assert_array_equal(results[0].points, results[1].points)
@@ -143,7 +145,8 @@ def test_unstructured_is_deterministic_also_in_a_thread(capfd):
 
 def test_what_was_checked_cannot_be_changed():
     """Nor can polygons and partitions."""
-    mesh, cells = structured(square(), 1 / 2), partition.uniform(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 2)
+    cells = partition.make_uniform_partition(square(), 1 / 2)
     for array in (mesh.points, mesh.triangles, mesh.boundary, mesh.s, square().vertices, cells.points):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
@@ -210,7 +213,8 @@ def test_boundary_edges_inside_are_refused():
 
 def test_a_boundary_covered_twice_is_refused():
     """A second fan on the first: too far away to repeat its nodes, not far enough to lie off the sides."""
-    points, triangles = np.array(square_with()[0]), np.array(FAN)
+    points = np.array(square_with()[0])
+    triangles = np.array(FAN)
     above = points + 1e-11
     above[4, 0] = 0.6
     with sentences.raises(InputError):
@@ -225,7 +229,7 @@ def test_a_boundary_covered_twice_is_refused():
 def test_nodes_near_their_sides_are_moved_onto_them(vertices, size, place):
     """By up to a millionth of the least height there, vertices too, at any size and place; not by twice."""
     polygon = Polygon(size * vertices + place, "moved")
-    mesh = unstructured(polygon, polygon.lengths.max() / 5)
+    mesh = make_unstructured_mesh(polygon, polygon.lengths.max() / 5)
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
     heights = 2 * mesh.areas / np.max([np.hypot(*(p - q).T) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     least = np.array([heights[(mesh.triangles == node).any(axis=1)].min() for node in mesh.boundary])
@@ -251,7 +255,8 @@ def test_what_a_node_may_lie_beside_its_side_is_of_the_local_width():
     """On a polygon 1e7 long and 1e-3 high no node may be off by a part of its height, nor of its length."""
     x = np.concatenate([np.arange(5.0), np.geomspace(5, 1e7, 30)])
     polygon = Polygon(np.array([[0, 0], [1e7, 0], [1e7, 1e-3], [0, 1e-3]]), "strip")
-    n, k = len(x), np.arange(len(x) - 1)
+    n = len(x)
+    k = np.arange(len(x) - 1)
     triangles = np.stack([k, k + 1, k + n + 1, k, k + n + 1, k + n], axis=1).reshape(-1, 3)
     for wave, refused in ((0.5, True), (1e-3, True), (1e-5, False)):
         top = 1e-3 * (1 + wave * np.sin(0.4 * np.pi * x) * (x > 0) * (x < 1e7))
@@ -266,7 +271,7 @@ def test_what_a_node_may_lie_beside_its_side_is_of_the_local_width():
 @pytest.mark.parametrize("every", [1, 3])
 def test_clockwise_triangles_are_turned(every):
     """All, or every third one; the outline is the same, too."""
-    mesh = unstructured(SLANTED, 0.7)
+    mesh = make_unstructured_mesh(SLANTED, 0.7)
     turned = mesh.triangles.copy()
     turned[::every] = turned[::every, ::-1]
     own = from_arrays(SLANTED, mesh.points, turned)
@@ -274,7 +279,7 @@ def test_clockwise_triangles_are_turned(every):
     assert_array_equal(own.s, mesh.s)
     assert np.all(own.areas > 0)
     assert_array_equal(np.sort(own.triangles, axis=1), np.sort(mesh.triangles, axis=1))
-    assert_allclose(outline(mesh.points, turned, "turned").polygon.area, SLANTED.area, rtol=1e-13)
+    assert_allclose(find_outline(mesh.points, turned, "turned").polygon.area, SLANTED.area, rtol=1e-13)
 
 
 U = np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]])
@@ -288,7 +293,7 @@ def test_any_polygon_along_the_axes_has_structured_meshes(scale):
     24 nodes lie on the boundary and so, by Euler's formula, 9 inside. Unit squares would be many in a U that
     is 21 wide; the gaps between its vertices are cut.
     """
-    mesh = structured(Polygon(scale * U, "U"), scale / 2)
+    mesh = make_structured_mesh(Polygon(scale * U, "U"), scale / 2)
     assert (len(mesh.triangles), mesh.n_nodes) == (40, 24 + 9)
     assert mesh.h == pytest.approx(scale / 2)
     assert mesh.areas.sum() == pytest.approx(5 * scale**2)
@@ -297,10 +302,10 @@ def test_any_polygon_along_the_axes_has_structured_meshes(scale):
 def test_gaps_between_vertices_are_cut_into_parts_of_their_own():
     """By hand, in parts of 1/3 at most: 2 from 0 to 1/2 and 1 to 3/4 along x, 1 to 0.2 and 3 to 1 along y."""
     step = Polygon(np.array([[0, 0], [0.75, 0], [0.75, 0.2], [0.5, 0.2], [0.5, 1], [0, 1]]), "step")
-    mesh = structured(step, 1 / 3)
+    mesh = make_structured_mesh(step, 1 / 3)
     assert len(mesh.triangles) == 2 * (3 * 1 + 2 * 3)
     assert set(mesh.points[:, 0]) == {0, 0.25, 0.5, 0.75}
-    halved = halved_cells(step, 1 / 3)
+    halved = make_half_cell_mesh(step, 1 / 3)
     edges = np.diff(halved.s)
     assert_allclose(edges[0::2], edges[1::2])
     assert edges.max() <= 1 / 6
@@ -314,21 +319,22 @@ def test_a_gmsh_that_does_not_load_is_told_with_the_line_to_type(tmp_path, monke
     for module in ("gmsh", "unilateral.geometry.triangulate"):
         monkeypatch.delitem(sys.modules, module)
     with sentences.raises(InputError) as told:
-        unstructured(SLANTED, 1 / 2)
+        make_unstructured_mesh(SLANTED, 1 / 2)
     (libraries,) = re.findall(r'^libraries="(.*)"$', (ROOT / "setup.sh").read_text(), re.MULTILINE)
     assert str(told.value).endswith(f"apt-get install {libraries}")
 
 
 def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
     """Unit squares get it anyway; slanted sides, and lines as near as rounding, do not."""
-    u, half = Polygon(U, "U"), Polygon(0.5 * U, "half")
+    u = Polygon(U, "U")
+    half = Polygon(0.5 * U, "half")
     narrow = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0.5, 1], [0.5, 1 + 1e-12], [0, 1 + 1e-12]]), "narrow")
     polygons = u, half, SLANTED, narrow
-    assert [natural_kind(each) for each in polygons] == ["structured", *3 * ["unstructured"]]
+    assert [default_mesh_kind(each) for each in polygons] == ["structured", *3 * ["unstructured"]]
     monkeypatch.setitem(sys.modules, "gmsh", None)
-    assert [natural_kind(each) for each in polygons] == 2 * ["structured"] + 2 * ["unstructured"]
+    assert [default_mesh_kind(each) for each in polygons] == 2 * ["structured"] + 2 * ["unstructured"]
     for each in (SLANTED, narrow):
         with sentences.raises(InputError):
-            structured(each, 1 / 2)
+            make_structured_mesh(each, 1 / 2)
         with sentences.raises(InputError):
-            unstructured(each, 1 / 2)
+            make_unstructured_mesh(each, 1 / 2)

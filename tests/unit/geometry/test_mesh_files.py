@@ -11,19 +11,20 @@ from nested import SLANTED
 from numpy.testing import assert_array_equal
 
 from unilateral.errors import InputError
+from unilateral.geometry import files
 from unilateral.geometry.files import read_mesh, write_mesh
-from unilateral.geometry.mesh import refine, unstructured
-from unilateral.geometry.outline import outline
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.mesh import make_unstructured_mesh, refine_uniformly
+from unilateral.geometry.outline import find_outline
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 MESHES = {
-    "thirds": lambda: structured(square(), 1 / 3),
-    "lshape": lambda: structured(named("lshape"), 1 / 4),
-    "gmsh": lambda: unstructured(SLANTED, 0.4),
-    "gmsh refined": lambda: refine(unstructured(SLANTED, 0.7)),
-    "far": lambda: unstructured(Polygon(SLANTED.vertices + np.array([1e4, -3e3]), "far"), 0.5),
-    "tiny": lambda: refine(unstructured(Polygon(1e-9 * SLANTED.vertices, "tiny"), 4e-10)),
+    "thirds": lambda: make_structured_mesh(square(), 1 / 3),
+    "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 4),
+    "gmsh": lambda: make_unstructured_mesh(SLANTED, 0.4),
+    "gmsh refined": lambda: refine_uniformly(make_unstructured_mesh(SLANTED, 0.7)),
+    "far": lambda: make_unstructured_mesh(Polygon(SLANTED.vertices + np.array([1e4, -3e3]), "far"), 0.5),
+    "tiny": lambda: refine_uniformly(make_unstructured_mesh(Polygon(1e-9 * SLANTED.vertices, "tiny"), 4e-10)),
 }
 
 
@@ -38,13 +39,13 @@ def test_files_keep_every_bit(name, tmp_path):
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
 def test_formats(ending, tmp_path):
-    mesh = structured(named("lshape"), 1 / 4)
+    mesh = make_structured_mesh(find_polygon("lshape"), 1 / 4)
     write_mesh(mesh, tmp_path / f"mesh.{ending}")
-    assert_array_equal(read_mesh(tmp_path / f"mesh.{ending}", named("lshape")).points, mesh.points)
+    assert_array_equal(read_mesh(tmp_path / f"mesh.{ending}", find_polygon("lshape")).points, mesh.points)
 
 
 def test_writing_twice_gives_the_same_bytes_and_nothing_else(tmp_path):
-    mesh = unstructured(named("lshape"), 0.3)
+    mesh = make_unstructured_mesh(find_polygon("lshape"), 0.3)
     (tmp_path / "b.vtu").write_text("an older file")
     write_mesh(mesh, tmp_path / "a.vtu")
     write_mesh(mesh, tmp_path / "b.vtu")
@@ -54,7 +55,7 @@ def test_writing_twice_gives_the_same_bytes_and_nothing_else(tmp_path):
 
 def test_files_carry_the_sides(tmp_path):
     """The square with two triangles: its boundary edges are its sides, in order; triangles carry -1."""
-    write_mesh(structured(square(), 1), tmp_path / "mesh.vtu")
+    write_mesh(make_structured_mesh(square(), 1), tmp_path / "mesh.vtu")
     stored = meshio.read(tmp_path / "mesh.vtu")
     assert [block.type for block in stored.cells] == ["triangle", "line"]
     assert [sides.tolist() for sides in stored.cell_data["side"]] == [[-1, -1], [0, 1, 2, 3]]
@@ -78,7 +79,8 @@ def test_a_file_of_gmsh_is_read(tmp_path):
     assert_array_equal(np.bincount(mesh.side), [4, 4, 4, 4])
 
 
-CORNERS, LIFTED = ([[0, 0, z], [1, 0, 0], [1, 1, 0], [0, 1, 0]] for z in (0, 0.1))
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+LIFTED = [[0, 0, 0.1], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 
 
 @pytest.mark.parametrize(
@@ -93,6 +95,17 @@ def test_files_of_something_else_are_refused(points, cells, tmp_path):
     meshio.Mesh(np.array(points, dtype=float), [cells]).write(tmp_path / "mesh.vtu")
     with sentences.raises(InputError):
         read_mesh(tmp_path / "mesh.vtu", square())
+
+
+@pytest.mark.parametrize("number", [-6, 9])
+def test_a_node_that_the_file_has_not_is_refused(number, monkeypatch):
+    """By its number in the file, which has a node of no triangle, too."""
+    content = meshio.Mesh(
+        np.array([*CORNERS, [0.5, 0.5, 0]], dtype=float), [("triangle", [[0, 1, 2], [0, number, 3]])]
+    )
+    monkeypatch.setattr(files, "read_with_meshio", lambda path: content)
+    with sentences.raises(InputError, str(number)):
+        read_mesh("mesh.vtu", square())
 
 
 NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
@@ -128,7 +141,7 @@ def test_files_without_a_mesh_are_refused(name, content, tmp_path, capfd):
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "mesh", "inp", "stl", "avs"])
 def test_cut_off_files_are_refused(ending, tmp_path):
     """After any tenth of it a file is no mesh of the square, and is told so with its name."""
-    write_mesh(structured(square(), 1 / 2), tmp_path / f"whole.{ending}")
+    write_mesh(make_structured_mesh(square(), 1 / 2), tmp_path / f"whole.{ending}")
     content = (tmp_path / f"whole.{ending}").read_bytes()
     for tenths in range(10):
         (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) * tenths // 10])
@@ -138,17 +151,17 @@ def test_cut_off_files_are_refused(ending, tmp_path):
 
 def test_an_unknown_format_is_not_written(tmp_path):
     with pytest.raises(InputError, match="nothing: the mesh cannot be written there"):
-        write_mesh(structured(square(), 1), tmp_path / "mesh.nothing")
+        write_mesh(make_structured_mesh(square(), 1), tmp_path / "mesh.nothing")
     assert not list(tmp_path.iterdir())
 
 
 def test_a_file_s_own_outline_is_a_polygon(tmp_path):
     """Of the L-shape, by its corners only; a square with a hole is refused."""
-    write_mesh(structured(named("lshape"), 1 / 3), tmp_path / "l.vtu")
+    write_mesh(make_structured_mesh(find_polygon("lshape"), 1 / 3), tmp_path / "l.vtu")
     found = read_mesh(tmp_path / "l.vtu").polygon
     assert found.n_sides == 6
     assert found.area == pytest.approx(3)
-    ring = structured(square(), 1 / 3)
+    ring = make_structured_mesh(square(), 1 / 3)
     kept = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
     with sentences.raises(InputError):
-        outline(ring.points, ring.triangles[kept], "ring")
+        find_outline(ring.points, ring.triangles[kept], "ring")

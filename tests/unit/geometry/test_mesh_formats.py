@@ -190,7 +190,7 @@ def test_what_is_wrong_with_a_file_is_told(name, text, tmp_path):
 @pytest.mark.parametrize(("kind", "part"), [("off", 0.05), ("mdpa", 0.2), ("ply", 0.15), ("tecplot", 0.65)])
 def test_a_reader_that_does_not_end_is_given_up(kind, part, tmp_path, monkeypatch):
     """These readers of meshio wait for a line that a cut file has not. Control: the whole file is read."""
-    monkeypatch.setattr(files, "SECONDS", 0.2)
+    monkeypatch.setattr(files, "READER_SECONDS", 0.2)
     path = by_meshio(".dat" if kind == "tecplot" else f".{kind}", kind)(tmp_path)
     content = path.read_bytes()
     assert ul.mesh(path).n_nodes == 5
@@ -211,7 +211,8 @@ def test_a_triangle_in_two_physical_groups_is_read_once(tmp_path):
 
 def test_nodes_of_no_triangle_are_left_out_of_a_file_and_told(tmp_path):
     """As the centre of an arc, which gmsh saves. Arrays belong to all points, so there it is refused."""
-    points, triangles = np.insert(POINTS, 0, [[7, 7, 0]], axis=0), TRIANGLES + 1
+    points = np.insert(POINTS, 0, [[7, 7, 0]], axis=0)
+    triangles = TRIANGLES + 1
     meshio.Mesh(points, [("triangle", triangles), ("vertex", [[0]])]).write(tmp_path / "arc.vtu")
     with pytest.warns(
         ul.SolutionWarning, match=r"arc.vtu: 1 node of no triangle is left out, such as node 0 \(7, 7\)"

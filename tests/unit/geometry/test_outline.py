@@ -13,20 +13,22 @@ import pytest
 import sentences
 
 import unilateral as ul
-from unilateral.geometry import outline, rounding
-from unilateral.geometry.mesh import unstructured
-from unilateral.geometry.outline import GIVE_IT
+from unilateral.geometry import coordinate_rounding, outline
+from unilateral.geometry.mesh import make_unstructured_mesh
+from unilateral.geometry.outline import POLYGON_ADVICE
 from unilateral.geometry.polygon import Polygon
 
 pytestmark = pytest.mark.filterwarnings("ignore::unilateral.SolutionWarning")
 
-SLIGHTEST, SHARPEST = np.radians(0.1), np.radians(179)
+SLIGHTEST = np.radians(0.1)
+SHARPEST = np.radians(179)
 
 
 def circumscribed(turns):
     """The vertices (n, 2) of the polygon about the unit circle that turns by `turns` (n,), in all by 2 pi."""
     normals = np.cumsum(turns) - turns[0]
-    middle, half = normals + 0.5 * np.roll(turns, -1), 0.5 * np.roll(turns, -1)
+    middle = normals + 0.5 * np.roll(turns, -1)
+    half = 0.5 * np.roll(turns, -1)
     return np.column_stack([np.cos(middle), np.sin(middle)]) / np.cos(half)[:, None]
 
 
@@ -46,7 +48,8 @@ def random_turns(draw):
 def dented(vertices, draw):
     """The same with the middle of one side moved towards the circle's centre."""
     side = int(draw.integers(len(vertices)))
-    a, b = vertices[side], vertices[(side + 1) % len(vertices)]
+    a = vertices[side]
+    b = vertices[(side + 1) % len(vertices)]
     depth = np.tan(0.5 * np.exp(draw.uniform(np.log(SLIGHTEST), np.log(0.3)))) * 0.5 * np.hypot(*(b - a))
     middle = 0.5 * (a + b)
     return np.insert(vertices, side + 1, middle * (1 - min(depth, 0.5) / np.hypot(*middle)), axis=0)
@@ -79,7 +82,8 @@ def sample(seed):
     vertices = circumscribed(random_turns(draw))
     vertices = dented(vertices, draw) if draw.random() < 0.3 else vertices
     points, triangles = fan(vertices, draw)
-    angle, size = draw.uniform(0, 2 * np.pi), 10.0 ** draw.uniform(-3, 3)
+    angle = draw.uniform(0, 2 * np.pi)
+    size = 10.0 ** draw.uniform(-3, 3)
     turned = points @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
     far = draw.choice([0, 10.0 ** draw.uniform(0, 7)])
     how = draw.choice(["digits", "decimals", "single precision"], p=[0.4, 0.4, 0.2])
@@ -93,7 +97,7 @@ def outcome(n_sides, points, triangles):
         found = ul.mesh(points, triangles).polygon.n_sides
     except ul.InputError as error:
         # A rounding as large as edges lets nodes coincide and triangles overlap.
-        return "asked" if GIVE_IT in str(error) else f"spoilt {error}"
+        return "asked" if POLYGON_ADVICE in str(error) else f"spoilt {error}"
     return "read" if found == n_sides else f"{found} sides for {n_sides}"
 
 
@@ -130,13 +134,15 @@ def test_corners_of_rounded_meshes_are_found_or_asked_for():
 def edges_over_rounding(places):
     """The shortest edge over how far a node may be from its place."""
     edges = np.hypot(*(np.roll(places, -1, axis=0) - places).T)
-    return edges.min() / rounding.largest(places)
+    return edges.min() / coordinate_rounding.max_point_error(places)
 
 
 def test_the_property_fails_without_the_digits(monkeypatch):
     """Control: if all coordinates are taken for full doubles, turns by rounding are corners."""
-    monkeypatch.setattr(rounding, "units", lambda values: np.zeros(np.shape(values)))
-    monkeypatch.setattr(outline, "_restless", lambda turns, smallest: np.zeros(len(turns), dtype=bool))
+    monkeypatch.setattr(coordinate_rounding, "rounding_units", lambda values: np.zeros(np.shape(values)))
+    monkeypatch.setattr(
+        outline, "_find_rounding_patterns", lambda turns, smallest: np.zeros(len(turns), dtype=bool)
+    )
     assert any(what.isdecimal() for what in counted(MESHES[:40]))
 
 
@@ -164,7 +170,7 @@ def shortened(points, digits):
 @pytest.fixture(scope="module")
 def turned():
     """A mesh by gmsh of the unit square turned by 0.3, of size 1/16."""
-    return unstructured(Polygon(TURNED, "turned"), 1 / 16)
+    return make_unstructured_mesh(Polygon(TURNED, "turned"), 1 / 16)
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +220,7 @@ def test_nodes_are_moved_onto_the_sides_between_the_corners_as_given(turned):
 @pytest.mark.parametrize(("size", "decimals"), [(1.0, None), (1.0, 5), (1.0, 4)])
 def test_a_parcel_at_coordinates_in_metres_has_four_sides(size, decimals):
     """50 m by 50 m at UTM coordinates, whose doubles have steps of 1e-9 m; also in a few decimals."""
-    parcel = unstructured(Polygon(50 * TURNED + [512345.678, 5412345.123], "parcel"), size)
+    parcel = make_unstructured_mesh(Polygon(50 * TURNED + [512345.678, 5412345.123], "parcel"), size)
     points = parcel.points if decimals is None else np.round(parcel.points, decimals)
     assert ul.mesh(points, parcel.triangles).polygon.n_sides == 4
 
@@ -223,7 +229,7 @@ def test_a_parcel_at_coordinates_in_metres_has_four_sides(size, decimals):
 def test_what_is_not_clear_is_asked_for_and_read_with_the_polygon(decimals, turned):
     """On edges of 1/16 so few decimals may turn the boundary by 0.1 degrees."""
     points = np.round(turned.points, decimals)
-    with sentences.raises(ul.InputError, GIVE_IT):
+    with sentences.raises(ul.InputError, POLYGON_ADVICE):
         ul.mesh(points, turned.triangles)
     mesh = ul.mesh(points, turned.triangles, polygon=TURNED)
     np.testing.assert_array_equal(mesh.polygon.vertices, TURNED)
@@ -247,7 +253,7 @@ def test_an_arc_of_turns_as_small_as_rounding_does_not_become_a_side(digits, cle
     if clear:
         assert ul.mesh(*given).polygon.n_sides == 203
     else:
-        with pytest.raises(ul.InputError, match=re.escape(GIVE_IT)):
+        with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
             ul.mesh(*given)
 
 
@@ -261,7 +267,7 @@ def test_a_corner_that_rounding_may_hide_is_asked_for(monkeypatch):
     turned = [bend @ [[np.cos(t), np.sin(t)], [-np.sin(t), np.cos(t)]] for t in angles]
     assert {outcome(5, *around(np.round(places, 8))) for places in turned} == {"read"}
     assert {outcome(5, *around(np.round(places, 4))) for places in turned} == {"asked"}
-    monkeypatch.setattr(outline, "SMALLEST_TURN", 10.0)
+    monkeypatch.setattr(outline, "MIN_CORNER_RADIANS", 10.0)
     assert "4 sides for 5" in {outcome(5, *around(np.round(places, 4))) for places in turned}
 
 
@@ -282,7 +288,7 @@ def test_turns_as_small_as_rounding_that_add_up_are_refused():
 def test_rounding_that_the_coordinates_do_not_show_is_noticed(change, digits, n):
     """A square that is rounded first and then turned or scaled has 17 digits again."""
     places = change(shortened(cut(TURNED, n), digits))
-    with pytest.raises(ul.InputError, match=re.escape(GIVE_IT)):
+    with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
         ul.mesh(*around(places, change(np.array([[0.5, 0.5]]) @ TURN)[0]))
 
 
@@ -300,7 +306,7 @@ def test_coordinates_as_a_person_types_them_are_exact():
     with pytest.warns(ul.SolutionWarning, match="the polygon has 3 sides"):
         assert ul.mesh(*around(triangle.astype(np.float32), (0.3, 0.3))).polygon.n_sides == 3
     hexagon = np.round(cut(circumscribed(np.full(6, np.pi / 3)), 3), 3)
-    with pytest.raises(ul.InputError, match=re.escape(GIVE_IT)):
+    with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
         ul.mesh(*around(hexagon))
 
 
@@ -317,11 +323,13 @@ NUMBERS = np.random.default_rng(3).uniform(-1, 1, (40, 2)) * [3.0, 500.0]
 @pytest.mark.parametrize("digits", [4, 7, 11, 15])
 def test_the_digits_of_significant_digits(digits):
     found = shortened(NUMBERS, digits)
-    assert rounding.significant_digits(found) == digits
+    assert coordinate_rounding.significant_digits(found) == digits
     exponents = np.floor(np.log10(np.abs(found)))
-    np.testing.assert_allclose(rounding.units(found), 10.0 ** (exponents - digits + 1), rtol=1e-12)
+    np.testing.assert_allclose(
+        coordinate_rounding.rounding_units(found), 10.0 ** (exponents - digits + 1), rtol=1e-12
+    )
     off = np.abs(found - NUMBERS) - np.spacing(np.abs(found))
-    assert np.all(off <= 0.5 * rounding.units(found))
+    assert np.all(off <= 0.5 * coordinate_rounding.rounding_units(found))
 
 
 @pytest.mark.parametrize("offset", [0, 5e6])
@@ -331,22 +339,24 @@ def test_the_digits_of_decimals(decimals, offset):
     found = np.round(NUMBERS + offset, decimals) - offset
     if offset and decimals == 8:  # as many digits as a double has at that offset
         decimals = 17
-    np.testing.assert_allclose(rounding.units(found), 10.0**-decimals if decimals < 17 else 0, rtol=1e-12)
+    np.testing.assert_allclose(
+        coordinate_rounding.rounding_units(found), 10.0**-decimals if decimals < 17 else 0, rtol=1e-12
+    )
 
 
 def test_the_digits_of_single_precision():
     found = NUMBERS.astype(np.float32)
-    np.testing.assert_array_equal(rounding.units(found), np.spacing(np.abs(found)))
+    np.testing.assert_array_equal(coordinate_rounding.rounding_units(found), np.spacing(np.abs(found)))
 
 
 def test_the_digits_of_single_precision_in_nine_digits():
     found = shortened(NUMBERS.astype(np.float32), 9)
-    assert np.all(rounding.units(found) >= np.spacing(np.abs(found).astype(np.float32)))
+    assert np.all(coordinate_rounding.rounding_units(found) >= np.spacing(np.abs(found).astype(np.float32)))
 
 
 def test_the_digits_of_doubles():
-    assert not rounding.units(NUMBERS).any()
-    assert rounding.significant_digits([0.0]) == 0
+    assert not coordinate_rounding.rounding_units(NUMBERS).any()
+    assert coordinate_rounding.significant_digits([0.0]) == 0
 
 
 def test_no_rounding_turns_a_boundary_by_more_than_is_said():
@@ -375,5 +385,7 @@ def turns_of(places):
 def test_rounded_places_are_within_their_radii(digits):
     """And some are farther than two thirds of them."""
     places = np.random.default_rng(6).uniform(1, 9, (200, 2))
-    away = np.hypot(*(shortened(places, digits) - places).T) / rounding.radii(shortened(places, digits))
+    away = np.hypot(*(shortened(places, digits) - places).T) / coordinate_rounding.rounding_errors_of_points(
+        shortened(places, digits)
+    )
     assert 0.67 < away.max() <= 1 + 1e-6

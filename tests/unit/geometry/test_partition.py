@@ -10,14 +10,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from unilateral.errors import InputError
 from unilateral.geometry.partition import (
     Partition,
-    balanced,
+    balance_cells,
     common_refinement,
+    divide_cells,
     from_points,
-    refine,
-    shifted,
-    uniform,
+    make_shifted_partition,
+    make_uniform_partition,
 )
-from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.polygon import Polygon, find_polygon, square
 
 
 @st.composite
@@ -36,9 +36,9 @@ def star_polygons(draw):
 @given(star_polygons(), st.floats(0.02, 3), st.integers(0, 99), st.booleans())
 def test_cells_tile_the_boundary(polygon, relative_H, percent, halved):
     H = relative_H * polygon.diameter
-    partition = shifted(polygon, H, percent / 100)
+    partition = make_shifted_partition(polygon, H, percent / 100)
     if halved:
-        partition = refine(partition)
+        partition = divide_cells(partition)
     assert_allclose(partition.lengths.sum(), polygon.perimeter, rtol=1e-13)
     assert np.isin(polygon.starts, partition.points).all()
     assert_allclose(np.bincount(partition.side, partition.lengths), polygon.lengths, rtol=1e-9)
@@ -48,11 +48,11 @@ def test_cells_tile_the_boundary(polygon, relative_H, percent, halved):
 @pytest.mark.parametrize("k", range(10))
 def test_dyadic_points_are_exact(k):
     """Every number involved has a short binary expansion, so equality is exact."""
-    assert_array_equal(uniform(square(), 2.0**-k).points, np.arange(4 * 2**k + 1) / 2**k)
+    assert_array_equal(make_uniform_partition(square(), 2.0**-k).points, np.arange(4 * 2**k + 1) / 2**k)
 
 
 def test_uniform_by_hand():
-    partition = uniform(Polygon(np.array([[0, 0], [3, 0], [3, 4]])), 2)
+    partition = make_uniform_partition(Polygon(np.array([[0, 0], [3, 0], [3, 4]])), 2)
     assert_allclose(partition.lengths, [1.5, 1.5, 2, 2, 5 / 3, 5 / 3, 5 / 3], rtol=1e-14)
     assert_array_equal(partition.side, [0, 0, 1, 1, 2, 2, 2])
     assert partition.n_cells == 7
@@ -60,18 +60,24 @@ def test_uniform_by_hand():
 
 
 def test_shifted_by_hand():
-    partition = shifted(square(), 0.5, 0.25)
+    partition = make_shifted_partition(square(), 0.5, 0.25)
     one_side = np.array([0, 0.625])
     assert_array_equal(partition.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4))
     assert_allclose(partition.H_over_Hi_max, 0.625 / 0.375, rtol=1e-14)
-    assert_array_equal(shifted(named("lshape"), 0.5, 0).points, uniform(named("lshape"), 0.5).points)
+    assert_array_equal(
+        make_shifted_partition(find_polygon("lshape"), 0.5, 0).points,
+        make_uniform_partition(find_polygon("lshape"), 0.5).points,
+    )
 
 
 def test_refining_halves_every_cell():
     coarse = from_points(square(), [0, 0.125, 1, 2, 3, 3.5, 4])
-    fine = refine(coarse)
+    fine = divide_cells(coarse)
     assert_array_equal(fine.lengths, np.repeat(coarse.lengths / 2, 2))
-    assert_array_equal(refine(uniform(named("lshape"), 0.25)).points, uniform(named("lshape"), 0.125).points)
+    assert_array_equal(
+        divide_cells(make_uniform_partition(find_polygon("lshape"), 0.25)).points,
+        make_uniform_partition(find_polygon("lshape"), 0.125).points,
+    )
 
 
 def test_vertices_known_up_to_round_off_are_snapped():
@@ -111,27 +117,29 @@ def test_the_class_checks_by_itself():
 @pytest.mark.parametrize("fraction", [-0.1, 1.0, np.nan])
 def test_shifts_are_fractions(fraction):
     with sentences.raises(InputError):
-        shifted(square(), 0.5, fraction)
+        make_shifted_partition(square(), 0.5, fraction)
 
 
 def test_balanced_cells_by_hand():
     """Beside a side of 1/8 the cells of the unit sides are 1/4, 1/4, 1/2 long, from both of its ends."""
     polygon = Polygon([(0, 0), (1, 0), (1, 1 / 8), (0, 1 / 8)], "strip")
-    cells = balanced(uniform(polygon, 1))
+    cells = balance_cells(make_uniform_partition(polygon, 1))
     expected = [1 / 4, 1 / 4, 1 / 4, 1 / 4, 1 / 8]
     assert cells.lengths == pytest.approx(2 * expected, rel=1e-12)
     one_short = Polygon([(0, 0), (1, 0), (1, 1), (1 / 8, 1), (0, 1 - 1e-3)], "cut")
-    lengths = balanced(uniform(one_short, 1)).lengths
+    lengths = balance_cells(make_uniform_partition(one_short, 1)).lengths
     assert np.all(lengths <= (2 + 1e-9) * np.minimum(np.roll(lengths, 1), np.roll(lengths, -1)))
     assert np.any(lengths > 0.4)
-    alike = uniform(named("lshape"), 1 / 3)
-    assert balanced(alike) is alike
+    alike = make_uniform_partition(find_polygon("lshape"), 1 / 3)
+    assert balance_cells(alike) is alike
 
 
 def test_the_common_refinement_by_hand():
     """Halves and thirds of a side; a point that is another up to round-off adds none."""
     near = from_points(square(), [0, np.nextafter(0.5, 1), 1, 1.5, 2, 2.5, 3, 3.5, 4])
-    found = common_refinement([uniform(square(), 1 / 3), uniform(square(), 1 / 2), near])
+    found = common_refinement(
+        [make_uniform_partition(square(), 1 / 3), make_uniform_partition(square(), 1 / 2), near]
+    )
     one_side = np.array([0, 1 / 3, 1 / 2, 2 / 3])
     assert_allclose(found.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
     assert common_refinement([near]).n_cells == 8
@@ -140,7 +148,8 @@ def test_the_common_refinement_by_hand():
 @pytest.mark.parametrize(("share", "same"), [(0.9, True), (1.1, False)])
 def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
     """A thousand times the rounding of arc lengths, a few 1e-16 of the perimeter a sum; cells are longer."""
-    halves, off = uniform(square(), 1 / 2), share * 1e-12 * square().perimeter
+    halves = make_uniform_partition(square(), 1 / 2)
+    off = share * 1e-12 * square().perimeter
     moved = Partition(square(), halves.points + off * (np.arange(9) == 1))
     assert common_refinement([halves, moved]).n_cells == (8 if same else 9)
     assert moved.has_inside(np.array([0.5])).any() == (not same)
@@ -155,10 +164,14 @@ def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
         from_points(square(), at_a_vertex)
 
 
-@pytest.mark.parametrize("coarse", [uniform(square(), 1 / 2), uniform(square(), 1 / 3)])
+@pytest.mark.parametrize(
+    "coarse", [make_uniform_partition(square(), 1 / 2), make_uniform_partition(square(), 1 / 3)]
+)
 def test_the_cells_that_contain_those_of_a_refinement(coarse):
     """By the middles of the finer cells, which lie inside one cell each."""
-    fine = common_refinement([uniform(square(), 1 / 3), uniform(square(), 1 / 2)])
+    fine = common_refinement(
+        [make_uniform_partition(square(), 1 / 3), make_uniform_partition(square(), 1 / 2)]
+    )
     cell = coarse.cells_of(fine.points)
     middle = fine.points[:-1] + fine.lengths / 2
     assert np.all((coarse.points[cell] < middle) & (middle < coarse.points[cell + 1]))

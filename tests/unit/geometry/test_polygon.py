@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import plane
-from unilateral.geometry.polygon import Polygon, named, names, square
+from unilateral.geometry.polygon import Polygon, find_polygon, polygon_names, square
 
 ROUND_OFF = 1e-14
 """A few operations on numbers of size one."""
@@ -29,7 +29,7 @@ def test_square_by_hand():
 
 
 def test_lshape_by_hand():
-    polygon = named("lshape")
+    polygon = find_polygon("lshape")
     assert_array_equal(polygon.lengths, [1, 1, 1, 1, 2, 2])
     assert (polygon.area, polygon.perimeter) == (3, 8)
     assert_allclose(np.rad2deg(polygon.angles), [90, 90, 270, 90, 90, 90], rtol=ROUND_OFF)
@@ -57,8 +57,8 @@ def regular(n):
 def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch):
     """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
     compared = []
-    compare = plane._meets_later
-    monkeypatch.setattr(plane, "_meets_later", lambda *given: compared.append(given) or compare(*given))
+    compare = plane._meets_later_sides
+    monkeypatch.setattr(plane, "_meets_later_sides", lambda *given: compared.append(given) or compare(*given))
     with sentences.raises(InputError):
         Polygon(regular(1001))
     assert compared == []
@@ -87,7 +87,10 @@ def test_the_first_crossing_is_found_anywhere(i, j):
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
     def meet(k, m):
-        a, b, c, d = vertices[k], after[k], vertices[m], after[m]
+        a = vertices[k]
+        b = after[k]
+        c = vertices[m]
+        d = after[m]
         return cross(a, b, c) * cross(a, b, d) < 0 and cross(c, d, a) * cross(c, d, b) < 0
 
     first = next((k, m) for k in range(8) for m in range(k + 1, 8) if meet(k, m))
@@ -121,22 +124,22 @@ def test_sizes_that_are_refused(size):
 @pytest.mark.parametrize("name", ["edges", "lengths", "starts", "stretch", "tangents", "normals", "angles"])
 def test_nothing_changes_a_polygon_that_all_cases_share(name):
     """Control: a copy can be written into."""
-    shared = getattr(named("square"), name)
+    shared = getattr(find_polygon("square"), name)
     copied = shared.copy()
     copied[0] = 5.0
     with pytest.raises(ValueError, match="read-only"):
         shared[0] = 5.0
-    assert_array_equal(getattr(Polygon(named("square").vertices), name), shared)
+    assert_array_equal(getattr(Polygon(find_polygon("square").vertices), name), shared)
 
 
 def test_named():
-    assert {"square", "lshape"} <= set(names())
-    assert [named(name).name for name in names()] == names()
+    assert {"square", "lshape"} <= set(polygon_names())
+    assert [find_polygon(name).name for name in polygon_names()] == polygon_names()
     exact = [7 / 20, 9 / 10, 3 / 4, 7 / 20, 9 / 10, 3 / 4]
-    assert_allclose(named("hexagon").angles / np.pi, exact, rtol=1e-15)
-    assert_allclose(named("hexagon").lengths, [1 / 2, 1 / 2, 3 / 4] * 2, rtol=1e-15)
-    with sentences.raises(InputError, "disc", *names()):
-        named("disc")
+    assert_allclose(find_polygon("hexagon").angles / np.pi, exact, rtol=1e-15)
+    assert_allclose(find_polygon("hexagon").lengths, [1 / 2, 1 / 2, 3 / 4] * 2, rtol=1e-15)
+    with sentences.raises(InputError, "disc", *polygon_names()):
+        find_polygon("disc")
 
 
 @pytest.mark.parametrize(

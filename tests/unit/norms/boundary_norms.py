@@ -15,31 +15,31 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.curves import Singular
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
+from unilateral.geometry.curves import SingularPoint
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
 
 TEN_DEGREES = np.radians(10)
 POLYGONS = {
     "square": square(),
-    "lshape": named("lshape"),
+    "lshape": find_polygon("lshape"),
     "30-60-90": Polygon(np.array([[0, 0], [sqrt(3), 0], [sqrt(3), 1]]), "triangle"),
     "10 degrees": Polygon(np.array([[0, 0], [1, 0], [np.cos(TEN_DEGREES), np.sin(TEN_DEGREES)]]), "thin"),
     "re-entrant": Polygon(np.array([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]]), "dart"),
 }
 CELLS = {
-    "square": partitions.uniform(square(), 1 / 12),
-    "shifted": partitions.shifted(square(), 1 / 4, 0.3),
-    "lshape": partitions.uniform(named("lshape"), 1 / 2),
-    "dart": partitions.uniform(POLYGONS["re-entrant"], 0.7),
+    "square": partitions.make_uniform_partition(square(), 1 / 12),
+    "shifted": partitions.make_shifted_partition(square(), 1 / 4, 0.3),
+    "lshape": partitions.make_uniform_partition(find_polygon("lshape"), 1 / 2),
+    "dart": partitions.make_uniform_partition(POLYGONS["re-entrant"], 0.7),
 }
 RECTANGLE = Polygon(np.array([[0, 0], [1.7, 0], [1.7, 1], [0, 1]]), "rectangle")
 EQUAL_POINTS = {
-    "square": lambda: structured(square(), 1 / 8),
-    "lshape": lambda: structured(named("lshape"), 1 / 4),
-    "gmsh lshape": lambda: with_nodes(named("lshape"), [3, 4, 5, 3, 8, 7]),
-    "gmsh rectangle": lambda: meshes.unstructured(RECTANGLE, 0.15),
+    "square": lambda: make_structured_mesh(square(), 1 / 8),
+    "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 4),
+    "gmsh lshape": lambda: with_nodes(find_polygon("lshape"), [3, 4, 5, 3, 8, 7]),
+    "gmsh rectangle": lambda: meshes.make_unstructured_mesh(RECTANGLE, 0.15),
 }
 """Meshes with an even number of boundary edges, which are the cells, too."""
 P2 = skfem.ElementTriP2()
@@ -53,12 +53,13 @@ class Flux:
     polygon: Polygon
     at: float
     alpha: Fraction
-    clamped_sides, c = (), 1.0
+    clamped_sides = ()
+    c = 1.0
 
-    def singular(self):
-        return [Singular(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
+    def singular_points(self):
+        return [SingularPoint(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
 
-    flux_singular = singular
+    flux_singular_points = singular_points
 
     @property
     def flux_in_L2(self):
@@ -67,7 +68,7 @@ class Flux:
     def transitions(self):
         return np.zeros(0)
 
-    def boundary(self, side, s, near=None):
+    def trace_flux_and_gap(self, side, s, near=None):
         with np.errstate(divide="ignore"):
             power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
         return 0 * s, np.sin(5 * s) + power, 0 * s
@@ -75,7 +76,7 @@ class Flux:
 
 @cache
 def norm_on(name, m, edges_per_cell=8):
-    return dual_norm(partitions.uniform(POLYGONS[name], 1 / m), (), edges_per_cell)
+    return build_dual_norm(partitions.make_uniform_partition(POLYGONS[name], 1 / m), (), edges_per_cell)
 
 
 def alternating(cells):
@@ -84,7 +85,8 @@ def alternating(cells):
 
 def brackets(found, below, above, gap):
     """Whether the bounds bracket what lies between `below` and `above`, themselves within `gap`."""
-    not_above, not_below = found.lower <= above * (1 + ROUNDING), below <= found.upper * (1 + ROUNDING)
+    not_above = found.lower <= above * (1 + ROUNDING)
+    not_below = below <= found.upper * (1 + ROUNDING)
     return np.all(not_above & not_below & (found.upper <= (1 + gap) * found.lower))
 
 
@@ -131,7 +133,8 @@ def p2_gram(cells, n):
     if on_lshape:
         x, y = mesh.p[:, mesh.t].mean(axis=1)
         mesh = mesh.remove_elements(np.flatnonzero((x > 0) & (y < 0)))
-    basis, boundary = skfem.Basis(mesh, P2), mesh.boundary_facets()
+    basis = skfem.Basis(mesh, P2)
+    boundary = mesh.boundary_facets()
     cell = cell_at(cells, mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T)
     of_cells = [skfem.FacetBasis(mesh, P2, facets=boundary[cell == i]) for i in range(cells.n_cells)]
     loads = np.stack([unit_load.assemble(of_cell) for of_cell in of_cells])
@@ -151,7 +154,7 @@ def cell_at(cells, points):
 
 def with_nodes(polygon, counts):
     """The mesh with so many equal boundary edges on the sides."""
-    return meshes.with_boundary(polygon, polygon.divided(np.array(counts))[:-1])
+    return meshes.triangulate_from_boundary(polygon, polygon.divided(np.array(counts))[:-1])
 
 
 def own_cells(mesh):
@@ -166,12 +169,12 @@ def operator(mesh, cells):
 @cache
 def gram(cells, edges_per_cell=8):
     """The bounds' Gram matrices of P0(T_H)."""
-    return dual_norm(cells, (), edges_per_cell).gram().p0
+    return build_dual_norm(cells, (), edges_per_cell).gram().p0
 
 
 @cache
 def uniform(polygon, m):
-    return partitions.uniform(named(polygon), 1 / m)
+    return partitions.make_uniform_partition(find_polygon(polygon), 1 / m)
 
 
 def on(polygon, n, m):

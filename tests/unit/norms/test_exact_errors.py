@@ -13,15 +13,22 @@ from skfem.helpers import dot, grad
 
 from unilateral.errors import InputError
 from unilateral.formulas.expression import ONE
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
 from unilateral.norms.exact_errors import cell_means, cell_means_of_gaps
-from unilateral.norms.ritz import RitzProjection, _check_size, h1_distance, ritz_projection, ritz_projections
+from unilateral.norms.ritz import (
+    RitzProjection,
+    _check_u_size,
+    h1_distance,
+    ritz_projection,
+    ritz_projections,
+)
 
 
 def test_the_norm_of_u_and_the_order_of_its_approximations():
     """u = cos(pi x) cos(2 pi y)/2: ||u||_1^2 = (1 + 5 pi^2)/16; none in V_h is closer than z_h."""
-    case, on = load("no_contact"), condensed("square", 8)
+    case = load("no_contact")
+    on = condensed("square", 8)
     problem = ritz_projection(case, on, 12)
     assert problem.u_norm == pytest.approx(math.sqrt((1 + 5 * math.pi**2) / 16), rel=1e-9)
     x, y = on.mesh.points.T
@@ -34,15 +41,19 @@ def test_the_norm_of_u_and_the_order_of_its_approximations():
 @pytest.mark.parametrize("name", ["smooth", "thirds", "vertex"])
 def test_where_u_vanishes_a_function_counts_that_does_not(name):
     """The parallelogram law: ||u - 1||^2 + ||u + 1||^2 = 2 ||u||^2 + 2 |Omega|."""
-    case, on = load(name), condensed("square", 8)
+    case = load(name)
+    on = condensed("square", 8)
     one = np.ones(on.mesh.n_nodes)
-    of_u, less, more = (h1_distance(case, on.mesh, v) ** 2 for v in (0 * one, one, -one))
+    of_u = h1_distance(case, on.mesh, 0 * one) ** 2
+    less = h1_distance(case, on.mesh, one) ** 2
+    more = h1_distance(case, on.mesh, -one) ** 2
     assert less + more == pytest.approx(2 * of_u + 2, rel=1e-12)
 
 
 def test_triangles_on_which_u_and_its_approximation_are_0_are_left_out(monkeypatch):
     """The places at which `thirds` is evaluated lie within its cutoff and a triangle's diameter of 1/3."""
-    case, on = load("thirds"), condensed("square", 16)
+    case = load("thirds")
+    on = condensed("square", 16)
     seen = []
 
     def whole(self, places, offset=0.0):
@@ -50,7 +61,7 @@ def test_triangles_on_which_u_and_its_approximation_are_0_are_left_out(monkeypat
         nothing = np.zeros(len(seen[-1]))
         return nothing, np.zeros((len(nothing), 2)), nothing
 
-    monkeypatch.setattr(type(case), "whole", whole)
+    monkeypatch.setattr(type(case), "value_gradient_and_source", whole)
     ritz_projection(case, on)
     away = np.hypot(*(np.concatenate(seen) - [1 / 3, 0]).T)
     assert 0.2 < away.max() < 1 / 4 + 2 * on.mesh.diameter
@@ -58,22 +69,29 @@ def test_triangles_on_which_u_and_its_approximation_are_0_are_left_out(monkeypat
 
 def test_all_cases_on_a_mesh_take_two_solves_and_are_as_alone(monkeypatch):
     """One with f and lambda and one with the residual; a solve for each case would be six."""
-    cases, on = [load(name) for name in ("natural", "smooth", "no_contact")], condensed("square", 8)
+    cases = [load(name) for name in ("natural", "smooth", "no_contact")]
+    on = condensed("square", 8)
     alone = [ritz_projection(case, on) for case in cases]
-    solves, solve = [], type(on).solve
+    solves = []
+    solve = type(on).solve
     monkeypatch.setattr(type(on), "solve", lambda self, rhs: solves.append(rhs.shape) or solve(self, rhs))
     together = ritz_projections(cases, on)
     assert solves == [(on.mesh.n_nodes, 3)] * 2
     for one, other in zip(alone, together, strict=True):
         assert other.ritz_error == pytest.approx(one.ritz_error, rel=1e-12)
-        np.testing.assert_allclose(other.trace, one.trace, rtol=0, atol=1e-13 * np.abs(one.trace).max())
+        np.testing.assert_allclose(
+            other.load_trace, one.load_trace, rtol=0, atol=1e-13 * np.abs(one.load_trace).max()
+        )
 
 
 def test_errors_take_one_dual_norm(monkeypatch):
     """||lambda - mu||_{-1/2,h} is a part of ||u - u(mu)||_1; to find it again would be a second solve."""
     of = discrete("natural", 8, 4)
-    norms, dual = [], RitzProjection.discrete_dual
-    monkeypatch.setattr(RitzProjection, "discrete_dual", lambda *of: norms.append(dual(*of)) or norms[-1])
+    norms = []
+    dual = RitzProjection.discrete_dual_norm
+    monkeypatch.setattr(
+        RitzProjection, "discrete_dual_norm", lambda *of: norms.append(dual(*of)) or norms[-1]
+    )
     errors = of.exact.errors(of.spaces, np.ones(len(of.cells)))
     assert norms == [errors.hm12_discrete]
 
@@ -107,7 +125,8 @@ def along(trace, z_h, mesh, points):
 
 def trace_of_no_contact(s):
     """cos(pi x) cos(2 pi y)/2 along the unit square's sides, anticlockwise from the origin."""
-    x, y = np.clip(np.minimum(s, 3 - s), 0, 1), np.clip(np.minimum(s - 1, 4 - s), 0, 1)
+    x = np.clip(np.minimum(s, 3 - s), 0, 1)
+    y = np.clip(np.minimum(s - 1, 4 - s), 0, 1)
     return np.cos(np.pi * x) * np.cos(2 * np.pi * y) / 2
 
 
@@ -117,14 +136,14 @@ def test_how_far_the_ritz_projection_is_from_u_on_the_boundary(m):
     of = discrete("no_contact", 8, m, degree=12)
     z_h = by_skfem(load("no_contact"), of.mesh)
     check_boundary_errors(of, *along(trace_of_no_contact, z_h, of.mesh, of.partition.points))
-    assert of.exact.ritz_means(of.spaces) < 0.99 * of.exact.ritz.ritz_boundary_error
+    assert of.exact.ritz_means_norm(of.spaces) < 0.99 * of.exact.ritz.ritz_boundary_error
 
 
 def check_boundary_errors(of, means, squares):
     """Against integrals (k,) of u - z_h over the cells, and of its square."""
     assert of.exact.ritz.ritz_boundary_error == pytest.approx(math.sqrt(squares.sum()), rel=1e-6)
     expected = math.sqrt(np.sum(means**2 / of.partition.lengths))
-    assert of.exact.ritz_means(of.spaces) == pytest.approx(expected, rel=1e-6)
+    assert of.exact.ritz_means_norm(of.spaces) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_boundary_error_where_u_is_singular():
@@ -132,20 +151,22 @@ def test_the_boundary_error_where_u_is_singular():
 
     1/2 is an end of edges, towards which 40 Gauss points leave 1e-7 of such a power: rel = 1e-6.
     """
-    of, case = discrete("natural", 8, 4), load("natural")
+    of = discrete("natural", 8, 4)
+    case = load("natural")
 
     def trace(s):
         side = np.minimum(s.astype(int), 3)
-        u, _, _ = case.boundary(side.ravel(), (s - side).ravel())
+        u, _, _ = case.trace_flux_and_gap(side.ravel(), (s - side).ravel())
         bottom = np.maximum(0.5 - s, 0) ** 1.5 + 4 * (s - 0.5) ** 2
         return np.where(side == 0, bottom, u.reshape(s.shape))
 
-    check_boundary_errors(of, *along(trace, of.exact.ritz.values, of.mesh, of.partition.points))
+    check_boundary_errors(of, *along(trace, of.exact.ritz.boundary_values, of.mesh, of.partition.points))
 
 
 def test_means_of_several_gaps_are_those_of_each():
     """Another gap's singular points only cut the rule; u and lambda are the first one's."""
-    case, cells = load("thirds"), uniform(square(), 1 / 8)
+    case = load("thirds")
+    cells = make_uniform_partition(square(), 1 / 8)
     other = replace(case, gaps=(ONE,) * 4)
     for one, found in zip((case, other), cell_means_of_gaps([case, other], cells), strict=True):
         alone = cell_means(one, cells)
@@ -160,8 +181,9 @@ def test_norms_of_a_multiplier_in_closed_form():
 
     ||lambda - mu||^2 + ||lambda + mu||^2 = 2 ||lambda||^2 + 2 ||mu||^2 for a random mu.
     """
-    cells = uniform(square(), 1 / 8)
-    found, mu = cell_means(load("smooth"), cells), np.random.default_rng(1).standard_normal(cells.n_cells)
+    cells = make_uniform_partition(square(), 1 / 8)
+    found = cell_means(load("smooth"), cells)
+    mu = np.random.default_rng(1).standard_normal(cells.n_cells)
     square_of_norm = 2 * 6**12 / 3**13 * math.factorial(6) ** 2 / math.factorial(13)
     assert found.lambda_norm == pytest.approx(math.sqrt(square_of_norm), rel=1e-12)
     integral = 2 * 6**6 / 3**7 * math.factorial(3) ** 2 / math.factorial(7)
@@ -174,7 +196,9 @@ def test_norms_of_a_multiplier_in_closed_form():
 
 def test_the_size_of_a_case_is_that_of_u_and_of_the_gap():
     """|cos(pi x) cos(2 pi y)|/2 + 1, at points of quadrature near the vertices."""
-    assert cell_means(load("no_contact"), uniform(square(), 1 / 8)).size == pytest.approx(1.5, abs=1e-3)
+    assert cell_means(load("no_contact"), make_uniform_partition(square(), 1 / 8)).data_size == pytest.approx(
+        1.5, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -182,12 +206,12 @@ def test_the_size_of_a_case_is_that_of_u_and_of_the_gap():
 )
 def test_a_multiplier_is_zero_relative_to_its_case(norm, size, zero):
     """To 1e-12, a thousand times the rounding of cancelling fluxes."""
-    found = cell_means(load("no_contact"), uniform(square(), 1 / 2))
-    assert replace(found, lambda_norm=norm, size=size).lambda_is_zero == zero
+    found = cell_means(load("no_contact"), make_uniform_partition(square(), 1 / 2))
+    assert replace(found, lambda_norm=norm, data_size=size).lambda_is_zero == zero
 
 
 @pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])
 def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size, refused):
     """Squares of doubles are normal numbers from 1e-154 to 1e154; errors of 0 are 0."""
     with sentences.raises(InputError) if refused else nullcontext():
-        _check_size(load("no_contact"), size)
+        _check_u_size(load("no_contact"), size)

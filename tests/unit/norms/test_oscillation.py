@@ -15,20 +15,20 @@ from skfem.models.poisson import laplace, mass, unit_load
 from unilateral.fem.form import H1, Form
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms import functionals
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import build_dual_norm
 from unilateral.norms.oscillation import (
-    MEAN_FREE_ON_SQUARE,
-    ON_SQUARE,
-    REACH,
+    MEAN_FREE_SQUARE_CONSTANT,
+    SQUARE_CONSTANT,
+    SQUARE_REACH,
     has_square,
     oscillation_bound,
     trace_constants,
     value_constants,
 )
-from unilateral.norms.reference import reference_spaces
+from unilateral.norms.reference import build_reference_spaces
 
 WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(pi / 18), np.sin(pi / 18)]]), "wedge")
 SLIT = Polygon(np.array([[0, 0], [3, 0], [3, 1], [0.3, 1], [0.3, 1.05], [3, 1.05], [3, 2], [0, 2]]), "slit")
@@ -41,11 +41,13 @@ TRIANGLES = {
     "equilateral": [[0, 0], [1, 0], [0.5, sqrt(3) / 2]],
 }
 MESHES = {
-    "structured": lambda: structured(named("lshape"), 1 / 16),
-    "thin": lambda: meshes.unstructured(WEDGE, 0.02),
-    "slit": lambda: meshes.unstructured(SLIT, 0.1),
-    "graded": lambda: reference_spaces(partitions.uniform(WEDGE, 0.3), [0.1, 1.3]).mesh,
-    "graded slit": lambda: reference_spaces(partitions.uniform(SLIT, 0.7), [0.4, 6.0]).mesh,
+    "structured": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 16),
+    "thin": lambda: meshes.make_unstructured_mesh(WEDGE, 0.02),
+    "slit": lambda: meshes.make_unstructured_mesh(SLIT, 0.1),
+    "graded": lambda: build_reference_spaces(partitions.make_uniform_partition(WEDGE, 0.3), [0.1, 1.3]).mesh,
+    "graded slit": lambda: (
+        build_reference_spaces(partitions.make_uniform_partition(SLIT, 0.7), [0.4, 6.0]).mesh
+    ),
 }
 
 
@@ -64,9 +66,9 @@ def trace_eigenvalues(n=400):
 def test_the_square_s_constant_is_the_greatest_eigenvalue():
     """Without x among the excluded functions it would be twice as large (control)."""
     without_1, without_both = trace_eigenvalues()
-    assert pytest.approx(without_both, rel=1e-12) == ON_SQUARE
-    assert without_1 == pytest.approx(MEAN_FREE_ON_SQUARE, rel=1e-12)
-    assert without_1 > 1.9 * ON_SQUARE
+    assert pytest.approx(without_both, rel=1e-12) == SQUARE_CONSTANT
+    assert without_1 == pytest.approx(MEAN_FREE_SQUARE_CONSTANT, rel=1e-12)
+    assert without_1 > 1.9 * SQUARE_CONSTANT
 
 
 def best_constants(vertices, mean_free=True, refinements=4, form=H1):
@@ -76,16 +78,19 @@ def best_constants(vertices, mean_free=True, refinements=4, form=H1):
     """
     mesh = skfem.MeshTri(np.array(vertices, float).T.copy(), np.array([[0], [1], [2]])).refined(refinements)
     basis = skfem.Basis(mesh, skfem.ElementTriP2())
-    K, integral = laplace.assemble(basis).toarray(), unit_load.assemble(basis)
+    K = laplace.assemble(basis).toarray()
+    integral = unit_load.assemble(basis)
     projector = np.eye(basis.N)
     if mean_free:
         projector -= np.outer(np.ones(basis.N), integral) / integral.sum()
         K += np.outer(integral, integral)
     else:
         K = form.k * K + form.c * mass.assemble(basis).toarray()
-    largest, last = [], [basis.N - 1] * 2
+    largest = []
+    last = [basis.N - 1] * 2
     v = np.array(vertices)
-    boundary, middle = mesh.boundary_facets(), mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
+    boundary = mesh.boundary_facets()
+    middle = mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
     for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
         off = np.abs((b - a)[0] * (middle[1] - a[1]) - (b - a)[1] * (middle[0] - a[0]))
         on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[off < 1e-12 * np.ptp(v)])
@@ -108,7 +113,8 @@ def best_of_traces(name):
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_a_triangle_s_constants_are_never_below_the_best(name):
     """And at most 4 times the best, so that what oscillates is at most doubled."""
-    mesh, best = triangle(name), best_of_traces(name)
+    mesh = triangle(name)
+    best = best_of_traces(name)
     taken = trace_constants(mesh) / 3
     assert np.all(best <= taken)
     assert np.all(taken <= 4 * best)
@@ -125,7 +131,7 @@ def test_payne_and_weinberger_alone_would_be_too_small():
 
 def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
-    mesh = structured(square(), 1.0)
+    mesh = make_structured_mesh(square(), 1.0)
     found = trace_constants(mesh)
     np.testing.assert_allclose(found, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
 
@@ -152,17 +158,18 @@ def test_without_c_values_on_an_edge_have_no_constant():
 @pytest.mark.parametrize("form", [Form(5.0, 0.0), Form(5.0, 1e6)])
 def test_on_every_edge_the_smaller_constant_counts(form):
     """Those of |v|_1 are divided by k; for a layer much thinner than edges that of ||v||_T is smaller."""
-    mesh = structured(square(), 1 / 8)
+    mesh = make_structured_mesh(square(), 1 / 8)
     squares = np.eye(32)[:, 3:4]
     (found,) = oscillation_bound(mesh, squares, form=form)
     of_values = np.sqrt(value_constants(mesh, form)[3])
-    assert found == pytest.approx(min(of_values, np.sqrt(ON_SQUARE / 8 / 5.0)))
+    assert found == pytest.approx(min(of_values, np.sqrt(SQUARE_CONSTANT / 8 / 5.0)))
     assert (found == of_values) == (form.c > 0)
 
 
 def in_squares(mesh, points):
     """(k, nb) whether the points (k, 2) lie inside the squares on the boundary edges."""
-    tangents, lengths = mesh.polygon.tangents[mesh.side], np.diff(mesh.s)
+    tangents = mesh.polygon.tangents[mesh.side]
+    lengths = np.diff(mesh.s)
     offset = points[:, None] - mesh.points[mesh.boundary]
     along = np.sum(offset * tangents, axis=2) / lengths
     into = -np.sum(offset * mesh.polygon.normals[mesh.side], axis=2) / lengths
@@ -171,9 +178,11 @@ def in_squares(mesh, points):
 
 def squares_fit(mesh, used):
     """Whether 100 random points of every square that is used lie in Omega and in no other such square."""
-    rng, edge = np.random.default_rng(0), np.repeat(np.flatnonzero(used), 100)
+    rng = np.random.default_rng(0)
+    edge = np.repeat(np.flatnonzero(used), 100)
     along, into = rng.uniform(0.01, 0.99, (2, len(edge), 1)) * np.diff(mesh.s)[edge, None]
-    polygon, side = mesh.polygon, mesh.side[edge]
+    polygon = mesh.polygon
+    side = mesh.side[edge]
     points = mesh.points[mesh.boundary[edge]] + along * polygon.tangents[side] - into * polygon.normals[side]
     return np.all(polygon.contains(points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
 
@@ -189,7 +198,7 @@ def test_the_squares_lie_inside_and_are_disjoint(name):
 
 @pytest.mark.parametrize(
     ("n", "waves", "constant", "of_1"),
-    [*((n, 1, ON_SQUARE, 1e-3) for n in (8, 16, 64)), (16, 0.5, MEAN_FREE_ON_SQUARE, 5e-3)],
+    [*((n, 1, SQUARE_CONSTANT, 1e-3) for n in (8, 16, 64)), (16, 0.5, MEAN_FREE_SQUARE_CONSTANT, 5e-3)],
 )
 def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
     """cos(2 pi w n x) on one side of the square, w waves an edge: without linear functions, or constants.
@@ -197,12 +206,14 @@ def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
     Its norm is (coth(q) / (2 q))^{1/2}, q^2 = 1 + (2 pi w n)^2. The squares' share is sharp, but for what the
     1 in q^2 makes. Control: for half a wave the constant that excludes linear functions is too small.
     """
-    mesh = structured(square(), 1 / n)
+    mesh = make_structured_mesh(square(), 1 / n)
     squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
-    q, used = sqrt(1 + (2 * pi * waves * n) ** 2), has_square(mesh)
+    q = sqrt(1 + (2 * pi * waves * n) ** 2)
+    used = has_square(mesh)
     true = sqrt(1 / (2 * q * tanh(q)))
     assert oscillation_bound(mesh, squares, constant)[0] >= true
-    squares, share = squares * used[:, None], true * sqrt(used[:n].mean())
+    squares = squares * used[:, None]
+    share = true * sqrt(used[:n].mean())
     of_squares = oscillation_bound(mesh, squares, constant)[0]
     assert of_squares == pytest.approx(share, rel=of_1)
     assert used[:n].any()
@@ -218,11 +229,11 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
     q^2 = 1 + (2 pi n)^2. Each meets itself, the one opposite and two beside it. The constant of squares on
     all edges gives less than the norm; for n = 1 its square would be 0.318, and that of the norm is 0.416.
     """
-    mesh = structured(square(), 1 / n)
+    mesh = make_structured_mesh(square(), 1 / n)
     squared_norms = np.full((4 * n, 1), 1 / (2 * n))
     q = sqrt(1 + (2 * pi * n) ** 2)
     true = 2 / (q * tanh(q)) + 2 / (q * sinh(q)) + 8 / (q**2 + (2 * pi * n) ** 2)
-    on_all_edges = float(np.sum(ON_SQUARE / n * squared_norms))
+    on_all_edges = float(np.sum(SQUARE_CONSTANT / n * squared_norms))
     if n == 1:
         assert (on_all_edges, true) == (pytest.approx(0.3183, abs=5e-5), pytest.approx(0.4155, abs=5e-5))
     assert on_all_edges < true
@@ -233,37 +244,40 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
 def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
     """Bounds by spaces for a finer partition overlap those by spaces for its own; 5 % as for errors."""
     polygon = POLYGONS[name]
-    other = partitions.shifted(polygon, 1 / 4, 0.37)
-    case, own = Flux(polygon, 0.41, Fraction(1, 2)), dual_norm(other, (), 16)
+    other = partitions.make_shifted_partition(polygon, 1 / 4, 0.37)
+    case = Flux(polygon, 0.41, Fraction(1, 2))
+    own = build_dual_norm(other, (), 16)
     assert not np.isin(other.points, norm_on(name, 6).spaces.mesh.s).all()
     mu = np.random.default_rng(4).standard_normal((3, other.n_cells))
-    fine, coarse = own.of_p0(mu), norm_on(name, 6).of_p0(mu, other)
+    fine = own.bound_p0(mu)
+    coarse = norm_on(name, 6).bound_p0(mu, other)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
-    own = dual_norm(other, [case], 16)
-    fine, coarse = own.of_error(case, mu), norm_on(name, 6).of_error(case, mu, other)
+    own = build_dual_norm(other, [case], 16)
+    fine = own.bound_error(case, mu)
+    coarse = norm_on(name, 6).bound_error(case, mu, other)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
 
 
 def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatch):
     """Control: a function that alternates within the reference edges, against its cosine series."""
-    other = partitions.uniform(square(), 1 / 32)
+    other = partitions.make_uniform_partition(square(), 1 / 32)
     mu = np.where(np.arange(other.n_cells) < 32, alternating(other), 0)[None]
     below, above = of_p0_on_bottom(np.arange(33) / 32, mu[0, :32])
     norm = norm_on("square", 1, 4)
-    found = norm.of_p0(mu, other)
+    found = norm.bound_p0(mu, other)
     assert found.lower <= above
     assert below <= found.upper
     monkeypatch.setattr(functionals, "oscillation_bound", lambda _, squares: np.zeros(squares.shape[1]))
-    assert norm.of_p0(mu, other).upper < 0.9 * below
+    assert norm.bound_p0(mu, other).upper < 0.9 * below
 
 
 def test_squares_have_room_for_the_displacement_of_nodes():
     """On edges of 1/8 beside the middles of sides: 7/16 from the next sides, where the reach is 0.28."""
-    mesh = meshes.unstructured(square(), 1 / 8)
+    mesh = meshes.make_unstructured_mesh(square(), 1 / 8)
     middle = np.isclose(np.abs(np.mod(0.5 * (mesh.s[1:] + mesh.s[:-1]), 1) - 0.5), 1 / 16)
     for room, expected in ((0.9, True), (1.1, False)):
-        doubt = room * (7 / 16 - REACH * 2 / 8) / 4
-        lengths = 2 * doubt * REACH * 2 / 8 / 4  # what sides may be longer takes of it
+        doubt = room * (7 / 16 - SQUARE_REACH * 2 / 8) / 4
+        lengths = 2 * doubt * SQUARE_REACH * 2 / 8 / 4  # what sides may be longer takes of it
         assert np.all(has_square(in_doubt(mesh, doubt - lengths))[middle] == expected)
     assert middle.sum() == 8
 
@@ -271,4 +285,4 @@ def test_squares_have_room_for_the_displacement_of_nodes():
 def test_no_corner_of_a_square_is_beyond_its_reach():
     """From the midpoint of the edge, (0, 0) to (1, 0), to the farthest corners of the square on it."""
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    assert max(np.hypot(*(corners - [0.5, 0]).T)) <= REACH
+    assert max(np.hypot(*(corners - [0.5, 0]).T)) <= SQUARE_REACH

@@ -9,14 +9,14 @@ import sentences
 from conftest import certified, load
 
 from unilateral.errors import InputError
-from unilateral.formulas.expression import number
+from unilateral.formulas.expression import rational_expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import case as cases
-from unilateral.problems.atoms import Along
-from unilateral.problems.cantor_atom import DUST, Cantor, Family, gap
-from unilateral.problems.case_certificate import certify
-from unilateral.problems.polar_atoms import harmonic
+from unilateral.problems.atoms import SidePoints
+from unilateral.problems.cantor_atom import UNREMOVED_GAP_FACTOR, CantorAtom, CantorSet, cantor_gap
+from unilateral.problems.case_certificate import certify_case
+from unilateral.problems.polar_atoms import make_harmonic_atom
 
 KEEP = Q(9, 20)
 LARGE = Polygon(2 * square().vertices, "large")
@@ -25,12 +25,12 @@ GAPS = {"cantor_2": 2, "cantor_1.5": 3 / 2, "violates_jjj": 1, "violates_jj_jjj"
 
 
 def family(generations=3, keep=KEEP):
-    return Family(keep, generations, Q(1, 8))
+    return CantorSet(keep, generations, Q(1, 8))
 
 
 def test_the_intervals_of_the_first_generations_by_hand():
     """1/8 + 3/4 t of those in [0, 1], which are 9/20 to 11/20, 81/400 to 99/400 and 301/400 to 319/400."""
-    odd, even, left = family(2).divided()
+    odd, even, left = family(2).sort_intervals()
     assert odd == [(Q(37, 80), Q(43, 80))]
     assert even == [(Q(443, 1600), Q(497, 1600)), (Q(1103, 1600), Q(1157, 1600))]
     assert [a for a, _ in left] == [Q(1, 8), even[0][1], odd[0][1], even[1][1]]
@@ -40,7 +40,7 @@ def test_the_intervals_of_the_first_generations_by_hand():
 @pytest.mark.parametrize("generations", [1, 2, 5, 7])
 def test_the_intervals_tile_the_set_s_place(generations):
     """2^(g-1) are removed by generation g, 1 - 2 keep of what is there; (2 keep)^g is left."""
-    odd, even, left = family(generations).divided()
+    odd, even, left = family(generations).sort_intervals()
     ends = np.array(sorted([*odd, *even, *left]), dtype=float)
     np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=0, atol=1e-14)
     assert len(odd) + len(even) == 2**generations - 1
@@ -54,7 +54,7 @@ def test_the_dimension_counts_intervals(keep):
     Control: l^{-1} of them, as where nothing is removed, would be too many.
     """
     for generations in (3, 5):
-        lengths = {b - a for a, b in family(generations, keep).divided()[2]}
+        lengths = {b - a for a, b in family(generations, keep).sort_intervals()[2]}
         assert len(lengths) == 1
         size = float(lengths.pop() / Q(3, 4))
         assert size ** -family(1, keep).dimension == pytest.approx(2**generations, rel=1e-12)
@@ -68,7 +68,8 @@ def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, kee
     Their sums over a generation, from the intervals themselves, are a geometric series. Control: without the
     dimension, as for finitely many, the order would be higher, and there the sums grow.
     """
-    order, removed = family(5, keep).order(power), family(5, keep).divided()[0]
+    order = family(5, keep).sobolev_order(power)
+    removed = family(5, keep).sort_intervals()[0]
     lengths = np.array([b - a for a, b in removed], dtype=float)
     generations = [lengths[:1], lengths[1:5], lengths[5:]]
 
@@ -82,14 +83,15 @@ def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, kee
 
 @cache
 def atom(generations=3, polygon=square()):  # noqa: B008
-    return Cantor(polygon, 0, 0.0, family(generations), Q(1, 2))
+    return CantorAtom(polygon, 0, 0.0, family(generations), Q(1, 2))
 
 
 @cache
 def singles(generations=3, polygon=square()):  # noqa: B008
     """The same as harmonic atoms, one a contact, each with the length of its contact as its cutoff."""
     return [
-        harmonic(polygon, 0, float(a), Q(1, 2), number(b - a)) for a, b in family(generations).divided()[0]
+        make_harmonic_atom(polygon, 0, float(a), Q(1, 2), rational_expression(b - a))
+        for a, b in family(generations).sort_intervals()[0]
     ]
 
 
@@ -97,16 +99,17 @@ def singles(generations=3, polygon=square()):  # noqa: B008
 def test_the_atom_is_the_sum_of_single_ones(polygon):
     rng = np.random.default_rng(0)
     points = polygon.lengths[0] * np.column_stack([rng.random(3000), 0.12 * rng.random(3000)])
-    found = atom(3, polygon).whole(points)
-    expected = zip(*(each.whole(points) for each in singles(3, polygon)), strict=True)
+    found = atom(3, polygon).value_gradient_and_source(points)
+    expected = zip(*(each.value_gradient_and_source(points) for each in singles(3, polygon)), strict=True)
     for values, of_singles, off in zip(found, expected, (1e-14, 1e-13, 1e-12), strict=True):
         np.testing.assert_allclose(values, sum(of_singles), rtol=0, atol=off)
 
 
 def test_its_trace_and_flux_are_the_sums_too():
     t = np.linspace(0, 1, 2001)
-    along = Along(t, t, 0 * t)
-    found, expected = atom().trace_and_flux(0, along), [e.trace_and_flux(0, along) for e in singles()]
+    along = SidePoints(t, t, 0 * t)
+    found = atom().trace_and_normal_flux(0, along)
+    expected = [e.trace_and_normal_flux(0, along) for e in singles()]
     np.testing.assert_allclose(found[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
     np.testing.assert_allclose(found[1], sum(flux for _, flux in expected), rtol=0, atol=1e-13)
     assert found[1].min() >= 0
@@ -115,13 +118,15 @@ def test_its_trace_and_flux_are_the_sums_too():
 @pytest.mark.parametrize("gamma", [Q(1), Q(3, 2), Q(2), Q(1, 2)])
 def test_the_gap_by_hand(gamma):
     """The top of a tent of length l is (l/4)^gamma, or a hundredth of it on what is left."""
-    value = compile_numpy([gap(family(2), gamma)], "t")
-    first, second, third = 443 / 1600, 497 / 1600, 37 / 80
+    value = compile_numpy([cantor_gap(family(2), gamma)], "t")
+    first = 443 / 1600
+    second = 497 / 1600
+    third = 37 / 80
     t = np.array([0, 1 / 16, 1 / 8, first, (first + second) / 2, (second + third) / 2, 0.5, 7 / 8, 1])
     tops = np.array([1 / 8, 1 / 16, 0, 0, (second - first) / 4, (third - second) / 4, 0, 0, 1 / 8]) ** float(
         gamma
     )
-    tops[5] *= float(DUST)
+    tops[5] *= float(UNREMOVED_GAP_FACTOR)
     np.testing.assert_allclose(value(t)[0], tops, rtol=0, atol=1e-15)
 
 
@@ -131,13 +136,14 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
 
     lambda is in H^sigma for sigma < 1/3 + (1 - d)/2, u - g in H^tau for tau < gamma + (1 - d)/2.
     """
-    found, case = certified(name), load(name)
+    found = certified(name)
+    case = load(name)
     assert found.hypotheses == {"j": True, "jj": GAPS[name] >= 1, "jjj": False}
     assert found.g_regular == (GAPS[name] >= 3 / 2)
     d = np.log(2) / np.log(3)
     assert case.gap_order == pytest.approx(GAPS[name] + (1 - d) / 2, rel=1e-12)
     assert case.atoms[0].flux_order == pytest.approx(1 / 3 + (1 - d) / 2, rel=1e-12)
-    expected = np.array(sorted(case.atoms[0].family.divided()[0]), dtype=float)
+    expected = np.array(sorted(case.atoms[0].cantor_set.sort_intervals()[0]), dtype=float)
     np.testing.assert_allclose([c[1:] for c in found.contact], expected, rtol=0, atol=1e-14)
     transitions = np.round(case.transitions(), 12)
     assert np.isin(np.round([t for _, *both in found.contact for t in both], 12), transitions).all()
@@ -145,14 +151,14 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
 
 def test_u_is_not_in_H2_for_less_regular_fluxes(case_like):
     """Control: with alpha = 3/10 < d/2 = 0.315 lambda is not in H^(1/2)."""
-    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    (entry,) = cases.read_case_declaration("violates_jjj")[0]["u"]
     with sentences.raises(InputError):
-        certify(case_like("violates_jjj", u=[entry | {"alpha": "3/10"}]))
+        certify_case(case_like("violates_jjj", u=[entry | {"alpha": "3/10"}]))
 
 
 def test_the_kept_intervals_are_shorter_than_a_tenth_of_the_finest_cell():
     """And those of the generation before are not: the declared truncation, for H = 1/128."""
-    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    (entry,) = cases.read_case_declaration("violates_jjj")[0]["u"]
     assert entry["generations"] == 7
     assert 3 / 4 / 3**7 < 1 / 128 / 10 < 3 / 4 / 3**6
 
@@ -161,7 +167,7 @@ def test_the_kept_intervals_are_shorter_than_a_tenth_of_the_finest_cell():
     ("field", "share"), [("keep", "1/2"), ("keep", "0"), ("inset", "3/4"), ("inset", "0")]
 )
 def test_shares_that_leave_nothing_to_remove_are_refused(field, share, case_like):
-    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    (entry,) = cases.read_case_declaration("violates_jjj")[0]["u"]
     with sentences.raises(InputError, field):
         case_like("violates_jjj", u=[entry | {field: share}])
     with sentences.raises(InputError, field):
@@ -170,7 +176,7 @@ def test_shares_that_leave_nothing_to_remove_are_refused(field, share, case_like
 
 @pytest.mark.parametrize("gamma", ["0", "sqrt(2)"])
 def test_a_gap_s_exponent_is_a_positive_fraction(gamma, case_like):
-    declared = cases.declared("violates_jjj")[0]["gap"]
+    declared = cases.read_case_declaration("violates_jjj")[0]["gap"]
     (side,) = declared["sides"]
     gaps = declared | {"sides": [side | {"cantor": side["cantor"] | {"gamma": gamma}}]}
     with sentences.raises(InputError):

@@ -11,15 +11,15 @@ from conftest import case_file, certified, load
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
-from unilateral.formulas.formula import parse
+from unilateral.formulas.formula import parse_formula
 from unilateral.geometry.curves import Kink
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import case as cases
-from unilateral.problems.atoms import Along, Smooth
-from unilateral.problems.case_certificate import certify
+from unilateral.problems.atoms import SidePoints, SmoothAtom
+from unilateral.problems.case_certificate import certify_case
 
-POLYGONS = {"square": square(), "lshape": named("lshape")}
+POLYGONS = {"square": square(), "lshape": find_polygon("lshape")}
 PLACES = [("natural", "square", 0)] + [
     (name, polygon, side)
     for name in ("full_contact", "no_contact", "smooth", "thirds")
@@ -50,19 +50,23 @@ on_every_place = pytest.mark.parametrize(("name", "polygon", "side"), PLACES)
 
 def inside(polygon, n):
     """(n, 2) pseudo-random points of the polygon, by rejection from the centroids of a fine mesh."""
-    mesh = structured(polygon, 1 / 64)
+    mesh = make_structured_mesh(polygon, 1 / 64)
     centroids = mesh.points[mesh.triangles].mean(axis=1)
     return np.random.default_rng(1).permutation(centroids)[:n]
 
 
 def differences(f, points, step):
     """Central differences of fourth order: the gradient (k, 2) and the Laplacian (k,)."""
-    gradient, laplacian = np.zeros_like(points), np.zeros(len(points))
+    gradient = np.zeros_like(points)
+    laplacian = np.zeros(len(points))
     centre = f(points)
     for axis in range(2):
         e = np.zeros(2)
         e[axis] = step
-        m2, m1, p1, p2 = (f(points + k * e) for k in (-2, -1, 1, 2))
+        m2 = f(points + (-2) * e)
+        m1 = f(points + (-1) * e)
+        p1 = f(points + 1 * e)
+        p2 = f(points + 2 * e)
         gradient[:, axis] = (m2 - 8 * m1 + 8 * p1 - p2) / (12 * step)
         laplacian += (-m2 + 16 * m1 - 30 * centre + 16 * p1 - p2) / (12 * step**2)
     return gradient, laplacian
@@ -71,10 +75,11 @@ def differences(f, points, step):
 @on_every_place
 def test_derivatives_are_those_of_u(name, polygon, side):
     """Fourth-order differences, step 1e-3, 0.02 away from kinks and singular points: errors below 1e-4."""
-    case, step = load(name, polygon, side), 1e-3
+    case = load(name, polygon, side)
+    step = 1e-3
     points = inside(case.polygon, 400)
-    level = [np.abs(kink.level(points)) for kink in case.kinks()]
-    singular = case.singular()
+    level = [np.abs(kink.signed_distances(points)) for kink in case.kinks()]
+    singular = case.singular_points()
     at = case.polygon.at(
         np.array([p.side for p in singular], dtype=np.intp),
         np.array([p.t * case.polygon.lengths[p.side] for p in singular]),
@@ -88,7 +93,7 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     np.testing.assert_allclose(gradient, by_differences, rtol=0, atol=1e-6 * scale)
     np.testing.assert_allclose(case.source(points), u - laplacian, rtol=0, atol=1e-4 * scale)
     assert not np.allclose(case.source(points), u + laplacian, rtol=0, atol=1e-4 * scale)
-    for together, alone in zip(case.whole(points), (u, gradient), strict=False):
+    for together, alone in zip(case.value_gradient_and_source(points), (u, gradient), strict=False):
         np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12 * scale)
 
 
@@ -98,8 +103,9 @@ PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("viol
 @pytest.mark.parametrize(("name", "polygon", "side"), PLACED)
 def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
     """At the vertices and in the centroids of triangles; somewhere, unless an atom has no cutoff."""
-    case, mesh = load(name, polygon, side), structured(POLYGONS[polygon], 1 / 32)
-    zero = case.vanishes(*mesh.circles)
+    case = load(name, polygon, side)
+    mesh = make_structured_mesh(POLYGONS[polygon], 1 / 32)
+    zero = case.vanishes_in_circles(*mesh.enclosing_circles)
     corners = mesh.points[mesh.triangles[zero]]
     points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
     for values in (*case.value_and_gradient(points), case.source(points)):
@@ -113,9 +119,9 @@ def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
 @pytest.mark.parametrize("size", [1.0, 10.0])
 def test_a_case_vanishes_on_a_circle_beyond_its_cutoff(name, reach, inside, radius, zero, size):
     """By hand, on a square of that size: the distance from the cutoff's end is 0.01."""
-    case = cases.load(name, Polygon(size * square().vertices, "large"))
+    case = cases.load_solution(name, Polygon(size * square().vertices, "large"))
     centre = size * np.array([[1 / 3, inside + reach - 1 / 4]])
-    assert case.vanishes(centre, np.array([size * radius])).tolist() == [zero]
+    assert case.vanishes_in_circles(centre, np.array([size * radius])).tolist() == [zero]
 
 
 ROOT_FLUXES = [  # the case, where it is put, the start and the cutoff of the flux, and its rounding
@@ -133,23 +139,25 @@ def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
 
     At a vertex, sides of other lengths see the cutoff's end from coordinates.
     """
-    case, t = load(name, polygon, side), np.linspace(0, 1, 1001)
+    case = load(name, polygon, side)
+    t = np.linspace(0, 1, 1001)
     s = t - start
     expected = np.sqrt(np.maximum(s, 0)) * np.maximum(1 - (s / cutoff) ** 2, 0) ** 4
     for i in range(case.polygon.n_sides):
-        _, flux, _ = case.boundary(np.full(1001, i), t * case.polygon.lengths[i])
+        _, flux, _ = case.trace_flux_and_gap(np.full(1001, i), t * case.polygon.lengths[i])
         np.testing.assert_allclose(flux, expected if i == side else 0, rtol=0, atol=rounding)
 
 
 @on_every_place
 def test_traces_are_limits_from_inside(name, polygon, side):
     """At a distance of 1e-9 u and du/dn differ from their boundary values by O(1e-9) times derivatives."""
-    case, n = load(name, polygon, side), 40
+    case = load(name, polygon, side)
+    n = 40
     rng = np.random.default_rng(3)
     sides = np.repeat(np.arange(case.polygon.n_sides), n)
     s = rng.uniform(0.01, 0.99, len(sides))
     points = case.polygon.at(sides, s)
-    u, flux, _ = case.boundary(sides, s)
+    u, flux, _ = case.trace_flux_and_gap(sides, s)
     normals = case.polygon.normals[sides]
     value, gradient = case.value_and_gradient(points - 1e-9 * normals)
     np.testing.assert_allclose(value, u, rtol=0, atol=1e-7)
@@ -158,8 +166,9 @@ def test_traces_are_limits_from_inside(name, polygon, side):
 
 def test_distances_along_a_side_do_not_round():
     """1/3 + 1e-20 is 1/3, its distance from there is not 0."""
-    third, off = np.array([1 / 3]), np.array([1e-20])
-    assert Along(third + off, third, off).minus(1 / 3).tolist() == [1e-20]
+    third = np.array([1 / 3])
+    off = np.array([1e-20])
+    assert SidePoints(third + off, third, off).distance_from(1 / 3).tolist() == [1e-20]
 
 
 @pytest.mark.parametrize(
@@ -207,18 +216,18 @@ def sample(place, h, degree):
     """Rules on triangles with u, grad u and f there, and the rule on the boundary with u and lambda."""
     case = load(*place)
     inner = []
-    for rule in triangle_rules(structured(case.polygon, h), case, degree):
+    for rule in triangle_rules(make_structured_mesh(case.polygon, h), case, degree):
         where = rule.origin, rule.offset
         inner.append((rule, *case.value_and_gradient(*where), case.source(*where)))
-    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
-    u, flux, _ = case.boundary(rule.side, rule.s, rule.near)
+    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular_points())
+    u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     return inner, (case.polygon.at(rule.side, rule.s), rule.weight, u, flux)
 
 
 def greens_defect(place, v, h, degree, source=1.0):
     """|int grad u . grad v + u v - source f v - int lambda v|, in units of the first integral's scale."""
     inner, (points, weight, u, flux) = sample(place, h, degree)
-    test = Smooth(parse(v, "xy", "v")) if v else None
+    test = SmoothAtom(parse_formula(v, "xy", "v")) if v else None
     defect = -weight @ (flux * (test.value_and_gradient(points)[0] if v else u))
     scale = 0.0
     for rule, value_u, slope_u, f in inner:
@@ -246,17 +255,17 @@ def test_greens_formula_sees_a_wrong_source():
 @pytest.mark.parametrize("name", ["smooth", "thirds"])
 def test_the_flux_does_not_depend_on_the_size(name):
     """u = L v(x / L): equal flux, L-fold values."""
-    large = cases.load(name, Polygon(10 * square().vertices, "large"), 0)
+    large = cases.load_solution(name, Polygon(10 * square().vertices, "large"), 0)
     s = np.linspace(0, 1, 101)
-    u, flux, gap = load(name).boundary(np.zeros(101, dtype=int), s)
-    U, FLUX, GAP = large.boundary(np.zeros(101, dtype=int), 10 * s)
+    u, flux, gap = load(name).trace_flux_and_gap(np.zeros(101, dtype=int), s)
+    U, FLUX, GAP = large.trace_flux_and_gap(np.zeros(101, dtype=int), 10 * s)
     np.testing.assert_allclose(FLUX, flux, rtol=0, atol=1e-14)
     np.testing.assert_allclose(U, 10 * u, rtol=0, atol=1e-13)
     np.testing.assert_allclose(GAP, gap, rtol=0, atol=1e-13)
-    certify(large)
+    certify_case(large)
     for one, other in zip(load(name).kinks(), large.kinks(), strict=True):
         points = inside(square(), 20)
-        np.testing.assert_allclose(other.level(10 * points), 10 * one.level(points))
+        np.testing.assert_allclose(other.signed_distances(10 * points), 10 * one.signed_distances(points))
     points = np.array([[0.37, 0.01], [0.43, 0.11], [0.5, 0.2]])
     by_differences, laplacian = differences(lambda p: large.value_and_gradient(p)[0], 10 * points, 1e-2)
     u_large, gradient = large.value_and_gradient(10 * points)
@@ -271,7 +280,7 @@ def test_natural_by_complex_arithmetic():
     u, _ = load("natural").value_and_gradient(points)
     np.testing.assert_allclose(u, -(z**1.5).imag + 4 * np.abs(z) ** 2, rtol=0, atol=3e-14)
     x = np.linspace(0, 1, 201)
-    _, flux, gap = load("natural").boundary(np.zeros(201, dtype=int), x)
+    _, flux, gap = load("natural").trace_flux_and_gap(np.zeros(201, dtype=int), x)
     np.testing.assert_allclose(flux, 1.5 * np.sqrt(np.maximum(x - 0.5, 0)), rtol=0, atol=1e-14)
     np.testing.assert_allclose(gap, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, rtol=0, atol=1e-14)
 
@@ -300,15 +309,16 @@ def test_every_case_is_certified(name, polygon, side):
     u - g is not in H^(3/2) where it is like s_+^k with k <= 1, for that is in H^tau for tau < k + 1/2.
     lambda is unbounded where it is like r^(-1/3), at a held corner, or like s^alpha with alpha < 0.
     """
-    case, found = load(name, polygon, side), certified(name, polygon, side)
+    case = load(name, polygon, side)
+    found = certified(name, polygon, side)
     hypotheses = IRREGULAR[name][1] if name in IRREGULAR else (True, True, True)
     assert tuple(found.hypotheses.values()) == tuple(case.declaration["hypotheses"].values()) == hypotheses
     expected = np.array(contact(name, polygon, side)).reshape(-1, 3)
     np.testing.assert_allclose(np.array(found.contact).reshape(-1, 3), expected, rtol=0, atol=1e-14)
     assert found.g_regular == (name not in GAPS_WITH_KINKS)
-    assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
-    assert (found.gap_max == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
-    assert (found.lambda_max < 1e-14) == (name == "no_contact")
+    assert math.isinf(found.max_multiplier) == (name in ("violates_j", "singular", "rough"))
+    assert (found.max_gap == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
+    assert (found.max_multiplier < 1e-14) == (name == "no_contact")
 
 
 @pytest.mark.parametrize("hypothesis", ["j", "jj", "jjj"])
@@ -317,7 +327,7 @@ def test_a_wrong_claim_is_noticed(hypothesis, case_like):
     declared = load("violates_j", "lshape").declaration["hypotheses"]
     wrong = declared | {hypothesis: not declared[hypothesis]}
     with sentences.raises(InputError, hypothesis):
-        certify(case_like("violates_j", named("lshape"), hypotheses=wrong))
+        certify_case(case_like("violates_j", find_polygon("lshape"), hypotheses=wrong))
 
 
 HARMONIC = {"atom": "harmonic", "side": 0, "at": "1/3", "alpha": "1/2", "cutoff": "1/4"}
@@ -345,15 +355,15 @@ def declared(tmp_path):
 
 def refusal(file, polygon="square", side=0):
     with pytest.raises(InputError) as error:
-        certify(cases.load(file, named(polygon), side))
+        certify_case(cases.load_solution(file, find_polygon(polygon), side))
     return str(error.value)
 
 
 def test_an_own_file_is_a_case(declared):
     """The file that the refusals below change is itself certified."""
-    case = cases.load(declared(), square(), 2)
+    case = cases.load_solution(declared(), square(), 2)
     assert case.name == "mine"
-    assert certify(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
+    assert certify_case(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
 
 
 FAR = "1e10*t + sqrt(3)/9", "1e10 + sqrt(3)/9"
@@ -442,7 +452,7 @@ def test_a_constant_without_a_value(declared):
     triangle = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     file = declared(polygons="any", constants={"c1": {"square": "1/2"}})
     with sentences.raises(InputError):
-        cases.load(file, triangle)
+        cases.load_solution(file, triangle)
 
 
 def test_a_harmonic_atom_without_a_cutoff_needs_a_half_plane(declared):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from unilateral.formulas.formula import compile_numpy
-from unilateral.formulas.taylor import Model, affine, basis
-from unilateral.formulas.taylor_enclosures import evaluate
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.formulas.taylor import TaylorModel, affine_model, monomial_basis
+from unilateral.formulas.taylor_enclosures import enclose_formula
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import case as cases
 from unilateral.problems.atoms import laplacian
 
@@ -24,8 +24,10 @@ ROUNDING = 1e-11
 
 def on_boxes(polygon, arm):
     """x and y on boxes with centres in the polygon, more of them near its sides, and points (9, n, 2)."""
-    rng, n = np.random.default_rng(1), 400 if arm == 0 else 150
-    low, high = polygon.vertices.min(axis=0), polygon.vertices.max(axis=0)
+    rng = np.random.default_rng(1)
+    n = 400 if arm == 0 else 150
+    low = polygon.vertices.min(axis=0)
+    high = polygon.vertices.max(axis=0)
     side = rng.integers(polygon.n_sides, size=n)
     at = polygon.at(side, rng.random(n) * polygon.lengths[side])
     inner = low + (high - low) * rng.random((n, 2))
@@ -36,14 +38,15 @@ def on_boxes(polygon, arm):
     points = centre + np.einsum("qi,dik->qkd", sigma, arms)
     reach = np.abs(arms).sum(axis=1)
     models = [
-        affine(basis(2, 4), c, of, (c - r, c + r)) for c, of, r in zip(centre.T, arms, reach, strict=True)
+        affine_model(monomial_basis(2, 4), c, of, (c - r, c + r))
+        for c, of, r in zip(centre.T, arms, reach, strict=True)
     ]
     return models, sigma, points
 
 
 @cache
 def load_of_size(name, polygon, size):
-    return cases.load(name, Polygon(size * named(polygon).vertices, polygon))
+    return cases.load_solution(name, Polygon(size * find_polygon(polygon).vertices, polygon))
 
 
 @pytest.mark.parametrize(("name", "polygon"), CASES)
@@ -61,8 +64,9 @@ def test_no_value_leaves_its_enclosure(name, polygon, size, arm):
     inside = case.polygon.contains(points.reshape(-1, 2)).reshape(points.shape[:2])
     assert inside.sum() > 500
     powers = np.prod(sigma[:, None] ** x.basis.exponents, axis=2)
-    u = reduce(Model.__add__, (atom.value_model(x, y) for atom in case.atoms))
-    f, flat = case.source_model(x, y), points.reshape(-1, 2)
+    u = reduce(TaylorModel.__add__, (atom.value_model(x, y) for atom in case.atoms))
+    f = case.source_model(x, y)
+    flat = points.reshape(-1, 2)
     for model, values in ((u, case.value_and_gradient(flat)[0]), (f, case.source(flat))):
         exact = np.where(inside, values.reshape(inside.shape), 0.0)
         slack = ROUNDING * np.abs(exact).max()
@@ -82,16 +86,16 @@ def test_f_of_a_tensor_atom_is_enclosed_closer_than_its_terms(h):
 
     Control: multiplied out f has the same values.
     """
-    mesh, atom = structured(square(), h), cases.load("smooth", square()).atoms[0]
+    mesh = make_structured_mesh(square(), h)
+    atom = cases.load_solution("smooth", square()).atoms[0]
     corners = mesh.points[mesh.triangles]
     a, b, c = np.moveaxis(corners, 1, 0)
     arms = 0.5 * np.stack([b - a, c - a])
     ends = corners.min(axis=1), corners.max(axis=1)
-    x, y = (
-        affine(basis(2, 4), 0.5 * (b + c)[:, i], arms[..., i], (ends[0][:, i], ends[1][:, i])) for i in (0, 1)
-    )
+    x = affine_model(monomial_basis(2, 4), 0.5 * (b + c)[:, 0], arms[..., 0], (ends[0][:, 0], ends[1][:, 0]))
+    y = affine_model(monomial_basis(2, 4), 0.5 * (b + c)[:, 1], arms[..., 1], (ends[0][:, 1], ends[1][:, 1]))
     multiplied_out = atom.v - laplacian(atom.v, "t", "d")
-    terms = evaluate(multiplied_out, {"t": x, "d": y})
+    terms = enclose_formula(multiplied_out, {"t": x, "d": y})
     assert atom.source_model(x, y).rad.sum() < terms.rad.sum()
     values = compile_numpy([multiplied_out], ("t", "d"))(*mesh.points.T)[0]
-    assert atom.whole(mesh.points)[2] == pytest.approx(values, rel=1e-12, abs=1e-9)
+    assert atom.value_gradient_and_source(mesh.points)[2] == pytest.approx(values, rel=1e-12, abs=1e-9)

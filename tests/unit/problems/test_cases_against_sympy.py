@@ -11,10 +11,10 @@ import pytest
 import sympy
 from symbolic import THETA, D, R, T, X, Y, pos, with_digits
 
-from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.polygon import Polygon, find_polygon, square
 from unilateral.problems import case as cases
-from unilateral.problems.cantor_atom import DUST
-from unilateral.problems.catalogue import names
+from unilateral.problems.cantor_atom import UNREMOVED_GAP_FACTOR
+from unilateral.problems.catalogue import case_names
 
 DIGITS = 30
 ROUNDING = 2e-12
@@ -23,9 +23,10 @@ functions change on the scale of the distance from a singular point, which is 0.
 POLYGONS = ("square", "lshape", "hexagon")
 PLACES = [
     (name, polygon)
-    for name in names()
+    for name in case_names()
     for polygon in POLYGONS
-    if cases.declared(name)[0]["polygons"] == "any" or polygon in cases.declared(name)[0]["polygons"]
+    if cases.read_case_declaration(name)[0]["polygons"] == "any"
+    or polygon in cases.read_case_declaration(name)[0]["polygons"]
 ]
 
 
@@ -41,7 +42,8 @@ def derive(v, polar):
     symbols = (R, THETA) if polar else (T, D)
     first, second = symbols
     r = R if polar else sympy.Integer(1)
-    along, across = sympy.diff(v, first), sympy.diff(v, second) / r
+    along = sympy.diff(v, first)
+    across = sympy.diff(v, second) / r
     laplacian = sympy.diff(v, first, 2) + sympy.diff(v, second, 2) / r**2
     if polar:
         laplacian += along / r
@@ -64,8 +66,10 @@ def exact(value):
 
 def polar_factor(entry, omega):
     """By the README: r^beta times a cosine or a sine."""
-    alpha, times = exact(entry.get("alpha", 0)), exact(entry.get("times", 1))
-    beta, kind = 1 + alpha, entry.get("kind", "harmonic")
+    alpha = exact(entry.get("alpha", 0))
+    times = exact(entry.get("times", 1))
+    beta = 1 + alpha
+    kind = entry.get("kind", "harmonic")
     if kind == "harmonic":
         v = R**beta * sympy.cos(beta * (sympy.pi - THETA)) / (beta * sympy.sin(alpha * sympy.pi))
     elif kind == "free":
@@ -89,9 +93,11 @@ def turned(derived):
     """The parts of an atom in polar coordinates, in Cartesian ones with the same origin."""
 
     def parts(along, into):
-        r, theta = mpmath.hypot(along, into), mpmath.atan2(into, along) % (2 * mpmath.pi)
+        r = mpmath.hypot(along, into)
+        theta = mpmath.atan2(into, along) % (2 * mpmath.pi)
         v, outward, around, laplacian = derived(r, theta)
-        c, s = mpmath.cos(theta), mpmath.sin(theta)
+        c = mpmath.cos(theta)
+        s = mpmath.sin(theta)
         return [v, outward * c - around * s, outward * s + around * c, laplacian]
 
     return parts
@@ -112,8 +118,10 @@ class Oracle:
     """u, grad u, f, lambda and the gap of a case, from its declaration."""
 
     def __init__(self, name, polygon, side=0):
-        self.declaration, _ = cases.declared(name)
-        self.polygon, self.side, self.atoms = polygon, side, []
+        self.declaration, _ = cases.read_case_declaration(name)
+        self.polygon = polygon
+        self.side = side
+        self.atoms = []
         self.vertices = [[mpmath.mpf(z) for z in vertex] for vertex in polygon.vertices.tolist()]
         self.constants = {
             key: exact(value[polygon.name] if isinstance(value, dict) else value)
@@ -166,14 +174,18 @@ class Oracle:
 
     def on_side(self, side, t, derived, polar=True):
         """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
-        a, b = (self.vertices[i % self.polygon.n_sides] for i in (side, side + 1))
+        a = self.vertices[side % self.polygon.n_sides]
+        b = self.vertices[(side + 1) % self.polygon.n_sides]
         length = mpmath.hypot(b[0] - a[0], b[1] - a[1])
-        p, q = ((b[i] - a[i]) / length for i in range(2))
+        p = (b[0] - a[0]) / length
+        q = (b[1] - a[1]) / length
         t = quotient(t) if t else mpmath.mpf(0)
 
         def parts(x, y):
-            dx, dy = (x - a[0]) / length - t * p, (y - a[1]) / length - t * q
-            along, into = p * dx + q * dy, p * dy - q * dx
+            dx = (x - a[0]) / length - t * p
+            dy = (y - a[1]) / length - t * q
+            along = p * dx + q * dy
+            into = p * dy - q * dx
             into = abs(into) if abs(into) < 1e-12 else into
             v, first, second, laplacian = (turned(derived) if polar else derived)(along, into)
             return length * v, first * p - second * q, first * q + second * p, laplacian / length
@@ -193,7 +205,8 @@ class Oracle:
 
     def gap(self, side, t):
         """The gap at places t (k,) of a side."""
-        n, declared = self.polygon.n_sides, self.declaration["gap"]
+        n = self.polygon.n_sides
+        declared = self.declaration["gap"]
         here = [e for e in declared.get("sides", []) if (self.side + e["side"]) % n == side]
         if side in self.clamped:
             gap = sympy.Integer(0)
@@ -213,8 +226,10 @@ class Oracle:
 
 def removed(entry):
     """The intervals that each generation removes, and those that are left."""
-    keep, inset = exact(entry["keep"]), exact(entry["inset"])
-    left, generations = [(inset, 1 - inset)], []
+    keep = exact(entry["keep"])
+    inset = exact(entry["inset"])
+    left = [(inset, 1 - inset)]
+    generations = []
     for _ in range(entry["generations"]):
         generations.append([(a + keep * (b - a), b - keep * (b - a)) for a, b in left])
         left = [piece for a, b in left for piece in ((a, a + keep * (b - a)), (b - keep * (b - a), b))]
@@ -228,9 +243,10 @@ def contact_intervals(entry):
 def cantor_gap(entry):
     """By the README: tents on what even generations remove, DUST times such tents on what is left."""
     generations, left = removed(entry)
-    inset, gamma = exact(entry["inset"]), exact(entry["gamma"])
+    inset = exact(entry["inset"])
+    gamma = exact(entry["gamma"])
     tents = [(1, pair) for generation in generations[1::2] for pair in generation]
-    tents += [(sympy.Rational(DUST), pair) for pair in left]
+    tents += [(sympy.Rational(UNREMOVED_GAP_FACTOR), pair) for pair in left]
     return (
         pos(inset - T, gamma)
         + pos(T - 1 + inset, gamma)
@@ -240,10 +256,13 @@ def cantor_gap(entry):
 
 def inside(polygon, numbers, rng):
     """Random points of a polygon, none within 0.003 of its boundary."""
-    low, high = polygon.vertices.min(axis=0), polygon.vertices.max(axis=0)
+    low = polygon.vertices.min(axis=0)
+    high = polygon.vertices.max(axis=0)
     points = low + (high - low) * rng.random((40 * numbers, 2))
-    a, b = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
-    dx, dy = points[:, None, 0], points[:, None, 1]
+    a = polygon.vertices
+    b = np.roll(polygon.vertices, -1, axis=0)
+    dx = points[:, None, 0]
+    dy = points[:, None, 1]
     crossed = (a[:, 1] > dy) != (b[:, 1] > dy)
     with np.errstate(all="ignore"):
         left = dx < a[:, 0] + (dy - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
@@ -255,11 +274,13 @@ def inside(polygon, numbers, rng):
 
 def deviations(name, polygon, times=1.0, numbers=8):
     """The largest difference of each kind, relative to the largest value of u, grad u or f."""
-    case, rng, oracle = cases.load(name, polygon), np.random.default_rng(47), Oracle(name, polygon)
+    case = cases.load_solution(name, polygon)
+    rng = np.random.default_rng(47)
+    oracle = Oracle(name, polygon)
     # points inside, as many of them near side 0, where the atoms are
     near = polygon.at(np.zeros(numbers, dtype=int), polygon.lengths[0] * rng.uniform(0.05, 0.95, numbers))
     points = np.vstack([inside(polygon, numbers, rng), near - 0.01 * polygon.normals[0]])
-    u, gradient, f = case.whole(points)
+    u, gradient, f = case.value_gradient_and_source(points)
     expected = oracle.values(points)
     sizes = {
         "u": np.abs(expected[0]).max(),
@@ -273,10 +294,12 @@ def deviations(name, polygon, times=1.0, numbers=8):
     }
     for side in range(polygon.n_sides):
         t = rng.uniform(0.02, 0.98, numbers)
-        sides, s = np.full(numbers, side), t * polygon.lengths[side]
-        trace, flux, gap = case.boundary(sides, s)
+        sides = np.full(numbers, side)
+        s = t * polygon.lengths[side]
+        trace, flux, gap = case.trace_flux_and_gap(sides, s)
         exact_trace, *exact_gradient, _ = oracle.values(polygon.at(sides, s))
-        exact_gap, normal = oracle.gap(side, t), polygon.normals[side]
+        exact_gap = oracle.gap(side, t)
+        normal = polygon.normals[side]
         exact_flux = (
             0 * t if side in oracle.clamped else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
         )
@@ -289,7 +312,7 @@ def deviations(name, polygon, times=1.0, numbers=8):
 
 @pytest.mark.parametrize(("name", "polygon"), PLACES)
 def test_what_is_derived_is_what_sympy_derives(name, polygon):
-    found = deviations(name, named(polygon))
+    found = deviations(name, find_polygon(polygon))
     assert max(found.values()) < ROUNDING, found
 
 

@@ -127,7 +127,7 @@ def message(problem_file_of):
     def refusal(fields):
         file = problem_file_of(**{"f": "x - y", "g": "-9"} | fields)
         with pytest.raises(InputError) as error:
-            problem_file.load(file)
+            problem_file.load_problem(file)
         return str(error.value)
 
     return refusal
@@ -139,7 +139,7 @@ def test_what_a_hint_says_to_write_is_read(problem_file_of, message, bad, good):
     literal = re.search(r"write (\S+) for \S+$", message(bad))
     if literal and not re.search(r"\b[abk]\b", literal[1]):
         assert literal[1] in "".join(good.values())
-    problem_file.load(problem_file_of(**{"f": "x - y", "g": "-9"} | good))
+    problem_file.load_problem(problem_file_of(**{"f": "x - y", "g": "-9"} | good))
 
 
 def test_every_text_that_says_what_to_write_was_tried(message):
@@ -149,7 +149,9 @@ def test_every_text_that_says_what_to_write_was_tried(message):
     assert len(texts) > 20
     assert sorted(text for text in texts - CASES if not re.search(text, told)) == []
     typed = " ".join(IN_F)
-    assert [each for each in (*grammar.INSTEAD, *grammar.LETTERS) if each not in typed] == []
+    assert [
+        each for each in (*grammar.FUNCTION_SUBSTITUTES, *grammar.LETTER_SUBSTITUTES) if each not in typed
+    ] == []
 
 
 CASES = {re.escape(text) for text in (grammar.NO_ROOT,)}

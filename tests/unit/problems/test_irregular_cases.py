@@ -11,14 +11,14 @@ from conftest import load as load_on
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
-from unilateral.formulas.expression import number
+from unilateral.formulas.expression import rational_expression
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.mesh import unstructured
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
-from unilateral.problems.atoms import Along
-from unilateral.problems.case_certificate import certify
-from unilateral.problems.polar_atoms import corner, harmonic
+from unilateral.geometry.mesh import make_unstructured_mesh
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.problems.atoms import SidePoints
+from unilateral.problems.case_certificate import certify_case
+from unilateral.problems.polar_atoms import make_corner_atom, make_harmonic_atom
 
 ALPHA = {
     "borderline_0.25": 0.25,
@@ -38,10 +38,10 @@ def load(name):
 def polar(kind, alpha=None, vertex=2):
     """Vertex 2 of the L-shape is the re-entrant one, vertex 1 a right angle."""
     power = None if alpha is None else Fraction(alpha)
-    cutoff = number(Fraction(1, 4))
+    cutoff = rational_expression(Fraction(1, 4))
     if kind == "harmonic":
-        return harmonic(square(), 0, 0.5, power, cutoff)
-    return corner(named("lshape"), vertex, kind, power, cutoff)
+        return make_harmonic_atom(square(), 0, 0.5, power, cutoff)
+    return make_corner_atom(find_polygon("lshape"), vertex, kind, power, cutoff)
 
 
 @pytest.mark.parametrize(
@@ -81,9 +81,9 @@ def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off, refused):
     nearly = Polygon(np.array([[0, 0], [1, 0], [1, 1], [off, 1]]), "nearly")
     if refused:
         with sentences.raises(InputError):
-            corner(nearly, 0, "free")
+            make_corner_atom(nearly, 0, "free")
     else:
-        assert corner(nearly, 0, "free").beta == 2
+        assert make_corner_atom(nearly, 0, "free").beta == 2
 
 
 def test_a_linear_transition_is_bounded():
@@ -95,17 +95,17 @@ def test_a_linear_transition_is_bounded():
 def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
     """r^2 cos 2 theta at 90 degrees: -r^2 on the side before, of length 2, without flux."""
     r = np.array([0.1, 0.25])
-    along = Along(1 - r / 2, np.ones(2), -r / 2)
-    value, flux = corner(named("lshape"), 0, "free").trace_and_flux(5, along)
+    along = SidePoints(1 - r / 2, np.ones(2), -r / 2)
+    value, flux = make_corner_atom(find_polygon("lshape"), 0, "free").trace_and_normal_flux(5, along)
     np.testing.assert_allclose(value, -(r**2), rtol=1e-14)
     np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-15)
 
 
 def test_the_points_at_which_polar_atoms_are_not_smooth():
     """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
-    found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular()}
+    found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
     assert found == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
-    found = {(p.side, p.t, p.grading) for p in polar("held").singular() if p.t >= 0}
+    found = {(p.side, p.t, p.grading) for p in polar("held").singular_points() if p.t >= 0}
     assert found == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
 
 
@@ -124,8 +124,8 @@ def cut_off_power(s, alpha, R):
 
 
 def means(case, cells, near=True):
-    rule = boundary_rule(case.polygon, cells.points, case.singular())
-    flux = case.boundary(rule.side, rule.s, rule.near if near else None)[1]
+    rule = boundary_rule(case.polygon, cells.points, case.singular_points())
+    flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor if near else None)[1]
     return rule.integrate(flux, cells.n_cells) / cells.lengths
 
 
@@ -133,7 +133,7 @@ def means(case, cells, near=True):
 @pytest.mark.parametrize("name", ALPHA)
 def test_cell_means_in_closed_form(name, cells):
     """To 1e-11 of the largest: the closed form cancels."""
-    partition = partitions.shifted(square(), *cells)
+    partition = partitions.make_shifted_partition(square(), *cells)
     x = np.minimum(partition.points, 1.0)
     whole = np.diff(cut_off_power(x - 1 / 3, ALPHA[name], 0.25)) / partition.lengths
     np.testing.assert_allclose(means(load(name), partition), whole, rtol=0, atol=1e-11 * whole.max())
@@ -142,7 +142,7 @@ def test_cell_means_in_closed_form(name, cells):
 def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
     """Control: what lies nearer to the point than round-off, (1e-16)^0.05 = 0.16 of the integral."""
     with np.errstate(divide="ignore"):
-        cell = means(load("rough"), partitions.uniform(square(), 1 / 8), near=False)[2]
+        cell = means(load("rough"), partitions.make_uniform_partition(square(), 1 / 8), near=False)[2]
     exact = float(cut_off_power(np.array([3 / 8 - 1 / 3]), -0.95, 0.25)[0]) * 8
     assert not cell >= 0.95 * exact
 
@@ -153,11 +153,11 @@ def test_the_corners_of_the_l_shape():
     chi = (1 - 4 * r**2) ** 4
     for side, t, sign in ((2, r, 1), (1, 1 - r, -1)):
         sides = np.full(len(r), side)
-        u, flux, _ = load("reentrant").boundary(sides, t)
+        u, flux, _ = load("reentrant").trace_flux_and_gap(sides, t)
         np.testing.assert_allclose(u, sign * r ** (2 / 3) * chi, rtol=0, atol=1e-12)
         np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-12)
-        trace, flux, _ = load("violates_j").boundary(sides, t)
-        x, y = named("lshape").at(sides, t).T
+        trace, flux, _ = load("violates_j").trace_flux_and_gap(sides, t)
+        x, y = find_polygon("lshape").at(sides, t).T
         np.testing.assert_allclose(trace, ((x + 0.45) ** 2 + (y - 0.55) ** 2) / 2, rtol=0, atol=1e-12)
         smooth = 0.55 if side == 2 else 0.45  # the distance of (-.45, .55) from the side's line
         np.testing.assert_allclose(flux, smooth + 2 / 3 * r ** (-1 / 3) * chi, rtol=1e-9)
@@ -176,8 +176,10 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
 
     On the two sides at the vertex lambda is that of the latter alone: the same number all along and positive.
     """
-    case, (times, x, y) = load_on(name, home(name).name), square_distance
-    polygon, here = case.polygon, case.polygon.vertices[vertex]
+    case = load_on(name, home(name).name)
+    (times, x, y) = square_distance
+    polygon = case.polygon
+    here = case.polygon.vertices[vertex]
     inside = triangles_inside(polygon)
     z = (inside - here) @ [1, 1j] / (polygon.tangents[vertex] @ [1, 1j])
     theta = np.angle(z) % (2 * np.pi)
@@ -190,17 +192,18 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
     )
     np.testing.assert_allclose(case.value_and_gradient(inside)[0], u + smooth, rtol=1e-12)
     for side in (vertex, vertex - 1):
-        _, flux, gap = case.boundary(np.full(9, side), np.linspace(0.01, 0.99, 9) * polygon.lengths[side])
+        s = np.linspace(0.01, 0.99, 9) * polygon.lengths[side]
+        _, flux, gap = case.trace_flux_and_gap(np.full(9, side), s)
         distance = polygon.normals[side] @ (here - [x, y])
         np.testing.assert_allclose(flux, 2 * times * distance, rtol=1e-12)
         assert not gap.any()
-    found = certify(case)
+    found = certify_case(case)
     assert found.contact == tuple((side, 0, 1) for side in range(6))
 
 
 def triangles_inside(polygon):
     """(k, 2) centroids of the triangles of a mesh."""
-    mesh = unstructured(polygon, 1 / 5)
+    mesh = make_unstructured_mesh(polygon, 1 / 5)
     return mesh.points[mesh.triangles].mean(axis=1)
 
 
@@ -211,11 +214,15 @@ def squared_gradient(case, *where):
 def test_energies_feel_a_rounded_distance():
     """Control: for `rough` 1e-16^0.1 = 2.5 % of the energy lie nearer to the point than round-off."""
     case = load("rough")
-    rules = list(triangle_rules(structured(square(), 1 / 12), case, 14))
+    rules = list(triangle_rules(make_structured_mesh(square(), 1 / 12), case, 14))
     with np.errstate(all="ignore"):
-        rounded, exact = (
-            sum(rule.weight.ravel() @ squared_gradient(case, *where(rule)) for rule in rules)
-            for where in (lambda rule: (rule.points,), lambda rule: (rule.origin, rule.offset))
+        rounded = sum(
+            rule.weight.ravel() @ squared_gradient(case, *(lambda rule: (rule.points,))(rule))
+            for rule in rules
+        )
+        exact = sum(
+            rule.weight.ravel() @ squared_gradient(case, *(lambda rule: (rule.origin, rule.offset))(rule))
+            for rule in rules
         )
     assert not abs(rounded / exact - 1) < 0.01
 
@@ -223,8 +230,8 @@ def test_energies_feel_a_rounded_distance():
 def test_the_points_of_the_rule_are_those_of_its_parts():
     """s = t L + the distance, up to rounding, on every side."""
     case = load("violates_j")
-    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
-    t, offset = rule.near
+    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular_points())
+    t, offset = rule.nearest_anchor
     np.testing.assert_allclose(t * case.polygon.lengths[rule.side] + offset, rule.s, rtol=0, atol=1e-15)
 
 
@@ -245,16 +252,16 @@ def test_bad_corners_are_refused(atom, case_like):
         case_like("full_contact", odd, polygons="any", constants={}, u=[{"atom": "corner", **atom}])
 
 
-@pytest.mark.parametrize("name", ["value_and_gradient", "whole"])
+@pytest.mark.parametrize("name", ["value_and_gradient", "value_gradient_and_source"])
 def test_outside_its_support_an_atom_is_not_evaluated(monkeypatch, name):
     """Of 100 x 100 places 1/8 pi lie in the half disc of radius 1/2, to 100 of its boundary's squares."""
-    atom = harmonic(square(), 0, 0.5, Fraction(1, 2), number(Fraction(1, 2)))
+    atom = make_harmonic_atom(square(), 0, 0.5, Fraction(1, 2), rational_expression(Fraction(1, 2)))
     seen = []
 
     def counted(numbers):
         return lambda r, theta: seen.append(len(r)) or [np.ones_like(r)] * numbers
 
-    monkeypatch.setitem(vars(atom), "_values", (counted(3), counted(4)))
+    monkeypatch.setitem(vars(atom), "_compiled_formulas", (counted(3), counted(4)))
     x = (np.arange(100) + 0.5) / 100
     places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
     getattr(atom, name)(places)

@@ -9,7 +9,7 @@ import sentences
 
 import unilateral as ul
 from unilateral.fem.p1 import energy_norm
-from unilateral.formulas.taylor import affine, basis
+from unilateral.formulas.taylor import affine_model, monomial_basis
 from unilateral.problems.nodal import NodalTrace
 
 KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
@@ -111,7 +111,7 @@ def prolonged(mesh, values, finer):
     found = np.zeros(finer.n_nodes)
     found[: mesh.n_nodes] = values
     for step in finer.steps[len(mesh.steps) :]:
-        found[step.n : step.n + len(step.ends)] = found[step.ends].mean(axis=1)
+        found[step.n_old_nodes : step.n_old_nodes + len(step.ends)] = found[step.ends].mean(axis=1)
     return found
 
 
@@ -140,7 +140,8 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, wa
     for bound in (coarse.bounds, coarse.sharp_bounds):
         assert distance <= bound.u + fine.sharp_bounds.u
     assert coarse.sharp_bounds.u <= 2 * distance + fine.sharp_bounds.u
-    one, other = coarse.forces(sharp=True).whole, fine.forces(sharp=True).whole
+    one = coarse.forces(sharp=True).whole
+    other = fine.forces(sharp=True).whole
     assert max(one.lower, other.lower) <= min(one.upper, other.upper)
 
 
@@ -150,7 +151,8 @@ def test_the_means_and_the_load_of_functions_beside_arrays_see_every_node():
     node = MESH.boundary[np.argmin(np.abs(MESH.s - 0.55))]
     g[node] = 1.0
     of = ul.Solver(MESH, H=0.6, stop=EXACTLY)
-    functions, arrays = (of.matrices(f, g) for f in (lambda x, y: x, X))
+    functions = of.matrices(lambda x, y: x, g)
+    arrays = of.matrices(X, g)
     np.testing.assert_allclose(functions.g, arrays.g, rtol=0, atol=1e-15)
     np.testing.assert_allclose(functions.F, arrays.F, rtol=0, atol=1e-15)
     assert functions.H @ functions.g == pytest.approx(float((of.matrices(0, 0).B @ g).sum()), rel=1e-13)
@@ -172,8 +174,11 @@ def test_the_model_of_a_trace_contains_its_values():
     rng = np.random.default_rng(3)
     t = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, 6)), [1.0]])
     values = rng.standard_normal(8) * 10.0 ** rng.integers(-3, 3, 8)
-    a, b = t[:-1], t[1:]
-    model = NodalTrace(t, values).model(affine(basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
+    a = t[:-1]
+    b = t[1:]
+    model = NodalTrace(t, values).value_model(
+        affine_model(monomial_basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
+    )
     exact = [[Fraction(x) for x in each.tolist()] for each in (t, values)]
     for i in range(7):
         for sigma in (Fraction(-1), Fraction(1), Fraction(rng.uniform(-1, 1))):
@@ -191,9 +196,13 @@ def test_the_model_of_a_slope_contains_it():
     rng = np.random.default_rng(4)
     t = np.array([0.0, 1e-6, 0.3, 0.3 + 1e-6, 0.9, 1.0])
     values = rng.standard_normal(6) * 10.0 ** rng.integers(-6, 6, 6)
-    a, b = t[:-1], t[1:]
-    model = NodalTrace(t, values).slope_model(affine(basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
-    places, heights = ([Fraction(x) for x in each.tolist()] for each in (t, values))
+    a = t[:-1]
+    b = t[1:]
+    model = NodalTrace(t, values).slope_model(
+        affine_model(monomial_basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
+    )
+    places = [Fraction(x) for x in t.tolist()]
+    heights = [Fraction(x) for x in values.tolist()]
     for i in range(5):
         slope = (heights[i + 1] - heights[i]) / (places[i + 1] - places[i])
         assert abs(slope - Fraction(model.c[0, i])) <= Fraction(model.rad[i])
@@ -205,7 +214,7 @@ def test_a_slope_is_not_known_better_than_its_values():
     """1 + 2^-52 and 1: their difference is rounded like them, and steep over 1e-6."""
     t = np.array([0.0, 1e-6, 1.0])
     model = NodalTrace(t, np.array([1 + 2.0**-52, 1.0, 1.0])).slope_model(
-        affine(basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
+        affine_model(monomial_basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
     )
     assert model.rad[0] >= 4 * 2.0**-53 / 1e-6
 

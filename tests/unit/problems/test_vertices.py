@@ -14,16 +14,16 @@ import sentences
 
 import unilateral as ul
 from unilateral.bounds import feasible
-from unilateral.bounds.constraint import constraint
-from unilateral.discrete.loads import form_of
+from unilateral.bounds.constraint import build_constraint
+from unilateral.discrete.problem_data import problem_form
 from unilateral.fem.form import H1
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.formula import parse
+from unilateral.formulas.formula import parse_formula
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import build, obstacle_and_flux
-from unilateral.problems.data_checks import check
+from unilateral.problems.data_checks import check_data
 from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem
 
@@ -32,10 +32,12 @@ ALONG = ("x", "y", "(1 - x)", "(1 - y)")
 """The arc length on the sides of the unit square."""
 OPERATIONS = 64
 """More than the operations, each rounded by EPS at most, that a side's formula has, and enclosures double."""
-CLAMPED, CONTACT, FREE = "clamped", "contact", "free"
+CLAMPED = "clamped"
+CONTACT = "contact"
+FREE = "free"
 REFUSED = r"it jumps at vertex|u >= g has to hold there"
 UNIT = square()
-MESH = structured(UNIT, 1 / 4)
+MESH = make_structured_mesh(UNIT, 1 / 4)
 
 
 @dataclass
@@ -74,10 +76,12 @@ def drawn(seed, kept, operations=OPERATIONS):
             if kinds[i] == CLAMPED and kinds[other] == CONTACT and rng.random() < 0.3:
                 ends[other, 1 if other in (i - 1, i + 3) else 0] -= 10 ** rng.uniform(-12, 12)
     vertex = int(rng.choice(meet))
-    before, after = ends[vertex - 1], ends[vertex]
+    before = ends[vertex - 1]
+    after = ends[vertex]
     sizes = np.abs([before, after])
     rounding = operations * EPS * sizes.sum()
-    fits, wrong = rng.random() < 0.5, None
+    fits = rng.random() < 0.5
+    wrong = None
     if fits:
         after[0] = before[1] * (1 + 1e-2 * kept * rng.choice([-1, 1]))
     else:
@@ -90,7 +94,7 @@ def drawn(seed, kept, operations=OPERATIONS):
 
 def formula(i, start, end):
     text = f"({float(start)!r}) + (({float(end)!r}) - ({float(start)!r}))*{ALONG[i]}"
-    return parse(text, ("x", "y"), "drawn")
+    return parse_formula(text, ("x", "y"), "drawn")
 
 
 def function(i, start, end):
@@ -105,25 +109,26 @@ def trace(i, start, end):
 def checked(of, given):
     """The problem, checked as those of users are."""
     sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
-    free, clamped = (tuple(i for i in range(4) if of.kinds[i] == kind) for kind in (FREE, CLAMPED))
+    free = tuple(i for i in range(4) if of.kinds[i] == FREE)
+    clamped = tuple(i for i in range(4) if of.kinds[i] == CLAMPED)
     g = [sides.get(i, ZERO) for i in range(4)]
-    k, c = (parse(repr(float(each)), (), "drawn") for each in of.kc)
+    k, c = (parse_formula(repr(float(each)), (), "drawn") for each in of.kc)
     found = Problem("drawn", UNIT, ZERO, tuple(g), free, k, c, clamped_sides=clamped)
     if given is function:
         return build.put_on_mesh(found, MESH)
-    check(found, "drawn")
+    check_data(found, "drawn")
     return found
 
 
 def of_mesh(problem):
     """The constraint on MESH."""
-    return constraint(problem.enclosed_obstacle, MESH, form_of(problem, MESH))
+    return build_constraint(problem.enclosed_obstacle, MESH, problem_form(problem, MESH))
 
 
 def missing_of(g):
     """What u_D and g themselves are short of, without a flux."""
-    v = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
-    return feasible.missing(g, H1, v, g.clamped, np.zeros((len(g.unknowns), 2)))
+    v = np.where(np.isfinite(g.p_at_unknowns), g.p_at_unknowns, 0.0)
+    return feasible.bound_shortfall(g, H1, v, g.clamped_edges, np.zeros((len(g.unknowns), 2)))
 
 
 @pytest.mark.parametrize(("given", "draws"), [(formula, DRAWS), (trace, DRAWS // 3)])
@@ -131,16 +136,16 @@ def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(given, draws):
     """As they were drawn. Control: in units of the largest number on all sides many jumps are rounding."""
     passed_before = refused = 0
     for seed in range(draws):
-        of = drawn(seed, obstacle_and_flux.JUMP)
+        of = drawn(seed, obstacle_and_flux.VERTEX_JUMP_TOLERANCE)
         if of.wrong is not None:
             with pytest.raises(ul.InputError, match=REFUSED):
                 checked(of, given)
             refused += 1
-            passed_before += of.wrong < obstacle_and_flux.JUMP * of.largest
+            passed_before += of.wrong < obstacle_and_flux.VERTEX_JUMP_TOLERANCE * of.largest
             continue
         g = of_mesh(checked(of, given))
-        assert not np.any(g.clamped & g.jumps), seed
-        assert math.isfinite(missing_of(g).norm), seed
+        assert not np.any(g.clamped_edges & g.has_jump), seed
+        assert math.isfinite(missing_of(g).extension_norm), seed
     assert draws // 3 < refused < 2 * draws // 3
     assert passed_before > draws // 10
 
@@ -154,8 +159,8 @@ def test_functions_are_compared_by_the_digits_that_they_keep():
                 checked(of, function)
             continue
         g = of_mesh(checked(of, function))
-        assert not np.any(g.clamped & g.jumps), seed
-        assert math.isfinite(missing_of(g).norm), seed
+        assert not np.any(g.clamped_edges & g.has_jump), seed
+        assert math.isfinite(missing_of(g).extension_norm), seed
 
 
 NEAR_0 = [
@@ -198,7 +203,8 @@ def row_of_squares(n):
     x = np.linspace(0, 1, n + 1)
     points = np.concatenate([np.stack([x, 0 * x], axis=1), np.stack([x, 0 * x + 1 / n], axis=1)])
     i = np.arange(n)
-    lower, upper = np.stack([i, i + 1, i + n + 2], axis=1), np.stack([i, i + n + 2, i + n + 1], axis=1)
+    lower = np.stack([i, i + 1, i + n + 2], axis=1)
+    upper = np.stack([i, i + n + 2, i + n + 1], axis=1)
     return points, np.concatenate([lower, upper])
 
 
@@ -234,11 +240,17 @@ def test_numbers_that_differ_are_told_apart():
 
 @pytest.mark.parametrize("c", [0, 1])
 def test_no_jump_that_is_left_over_has_a_bound(c):
-    """What `check` refuses, unchecked. Control: u_D above g at a vertex, and one that fits, have one."""
+    """What `check_data` refuses, unchecked. Control: u_D above g at a vertex, and one that fits, have one."""
     for u, finite in (("x + 5e-4", False), ("x", True)):
-        g = [parse(text, ("x", "y"), "drawn") for text in ("-1", "0", u, "0")]
+        g = [parse_formula(text, ("x", "y"), "drawn") for text in ("-1", "0", u, "0")]
         problem = Problem(
-            "unchecked", UNIT, ZERO, tuple(g), (1,), c=parse(str(c), (), "drawn"), clamped_sides=(2, 3)
+            "unchecked",
+            UNIT,
+            ZERO,
+            tuple(g),
+            (1,),
+            c=parse_formula(str(c), (), "drawn"),
+            clamped_sides=(2, 3),
         )
         s = ul.solve(problem, h=1 / 8, H=1 / 4)
         assert math.isfinite(s.bounds.u) == math.isfinite(s.sharp_bounds.u) == finite
@@ -293,7 +305,8 @@ def test_no_obstacle_is_dropped():
 
     An entry belongs to each side with contact, and to no other one.
     """
-    rng, refused = np.random.default_rng(11), 0
+    rng = np.random.default_rng(11)
+    refused = 0
     for _ in range(DRAWS):
         kinds = rng.choice([CLAMPED, CONTACT, FREE], size=4).tolist()
         given = [kind == CONTACT for kind in kinds]

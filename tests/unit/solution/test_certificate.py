@@ -7,7 +7,7 @@ import pytest
 
 import unilateral as ul
 from unilateral.solution import record
-from unilateral.solution.bounds import Bounds, relative
+from unilateral.solution.bounds import Bounds, relative_bound
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
@@ -17,14 +17,14 @@ SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 @pytest.mark.parametrize(("bound", "size"), [(1.0, 3.0), (0.1, 0.3), (2.0, 7e-300), (1.0, 1.0), (0.0, 1.0)])
 def test_a_relative_bound_is_rounded_up(bound, size):
     """In rational arithmetic: never below the quotient, and above it by two units at most."""
-    found = Fraction(relative(bound, size))
+    found = Fraction(relative_bound(bound, size))
     exact = Fraction(bound) / Fraction(size)
     assert exact < found <= exact * (1 + Fraction(2, 2**52)) + Fraction(5e-324)
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, math.nan])
 def test_nothing_is_relative_to_what_may_be_0(size):
-    assert math.isnan(relative(0.5, size))
+    assert math.isnan(relative_bound(0.5, size))
 
 
 def test_bounds_print_no_part_that_is_not_known():
@@ -60,7 +60,7 @@ def test_the_algebraic_error_of_lambda_is_divided_by_beta_or_unknown(clamped, mo
     found = clamped.certificate()
     assert 0 < found["beta"] < 1
     assert found["hm12_algebraic_bound"] == found["algebraic_bound"] / found["beta"]
-    monkeypatch.setattr(record, "QUICK", 10)
+    monkeypatch.setattr(record, "MAX_NODES_FOR_BETA", 10)
     unknown = clamped.certificate()
     assert math.isnan(unknown["beta"])
     assert math.isnan(unknown["hm12_algebraic_bound"])

@@ -13,7 +13,7 @@ from conftest import ROOT
 import unilateral as ul
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.fem.condense import Condensed
+from unilateral.fem.condense import CondensedMatrix
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.stop import Stop
 
@@ -122,7 +122,8 @@ def test_copies_of_problems_are_solved_alike():
     for name in ("case", "clamped", "flux"):
         problem = solved(name).problem
         again = pickle.loads(pickle.dumps(problem))
-        one, other = (ul.solve(each, h=1 / 8, H=1 / 4) for each in (again, problem))
+        one = ul.solve(again, h=1 / 8, H=1 / 4)
+        other = ul.solve(problem, h=1 / 8, H=1 / 4)
         np.testing.assert_array_equal(one.u, other.u)
 
 
@@ -139,10 +140,11 @@ def parts(of, seen):
 @pytest.mark.parametrize("name", ["case", "multigrid", "accuracy"])
 def test_a_solution_holds_no_solver(name):
     """No discrete problem, no factors, no matrices; control: a solver holds them."""
-    kept, solver = {}, {}
+    kept = {}
+    solver = {}
     parts(solved(name), kept)
     parts(ul.Solver(cut(), **SIZES), solver)
-    forbidden = (DiscreteProblem, Condensed, DualOperator)
+    forbidden = (DiscreteProblem, CondensedMatrix, DualOperator)
     assert any(isinstance(each, DiscreteSolution) for each in kept.values())
     assert not [each for each in kept.values() if isinstance(each, forbidden)]
     assert [each for each in solver.values() if isinstance(each, forbidden)]

@@ -11,11 +11,11 @@ from conftest import ROOT
 from matplotlib.image import imread
 
 import unilateral as ul
-from unilateral.formulas.decimals import interval
+from unilateral.formulas.decimals import format_interval
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
-from unilateral.solution import interactive, shown
-from unilateral.solution.coarser import clustered
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.solution import interactive, plot_data
+from unilateral.solution.node_clusters import cluster_nodes
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 RED = np.array([214, 39, 40]) / 255
@@ -63,7 +63,8 @@ def array(value):
 
 def test_the_data_in_the_file_are_those_of_the_solution(solution, page):
     """Bit by bit: nodes, triangles, u_h, lambda_H and the gap."""
-    surface, along = traces(page, "surface"), traces(page, "boundary")
+    surface = traces(page, "surface")
+    along = traces(page, "boundary")
     mesh = surface["mesh3d"]
     np.testing.assert_array_equal(np.column_stack([mesh["x"], mesh["y"]]), solution.mesh.points)
     np.testing.assert_array_equal(np.column_stack([mesh["i"], mesh["j"], mesh["k"]]), solution.mesh.triangles)
@@ -81,12 +82,16 @@ def test_the_data_in_the_file_are_those_of_the_solution(solution, page):
 def test_the_lines_of_contact_and_obstacle_lie_on_the_boundary(solution, page):
     """u_h along the contact is that of `u_at`; beside it the mean of g is that of x/10 - 1/10, by hand."""
     lines = traces(page, "surface")
-    x, y, z = (np.asarray(lines["contact"][axis], dtype=float) for axis in "xyz")
+    x = np.asarray(lines["contact"]["x"], dtype=float)
+    y = np.asarray(lines["contact"]["y"], dtype=float)
+    z = np.asarray(lines["contact"]["z"], dtype=float)
     on = np.isfinite(x)
     np.testing.assert_allclose(z[on], solution.u_at(np.column_stack([x, y])[on]), rtol=1e-12, atol=1e-15)
     assert np.count_nonzero(~on) == len(solution.contact.intervals) > 0
     (name,) = [each for each in lines if each.startswith("obstacle")]
-    x, y, z = (np.asarray(lines[name][axis], dtype=float) for axis in "xyz")
+    x = np.asarray(lines[name]["x"], dtype=float)
+    y = np.asarray(lines[name]["y"], dtype=float)
+    z = np.asarray(lines[name]["z"], dtype=float)
     bottom = (y[::2] == 0) & (y[1::2] == 0) & np.isfinite(z[::2])
     assert bottom.any()
     np.testing.assert_allclose(z[::2][bottom], ((x[::2] + x[1::2]) / 20 - 0.1)[bottom], rtol=1e-9, atol=1e-12)
@@ -94,7 +99,7 @@ def test_the_lines_of_contact_and_obstacle_lie_on_the_boundary(solution, page):
 
 def test_a_solution_has_the_same_page_every_time(solution, page):
     """And it names nothing of the machine or the time."""
-    assert interactive.page(solution) == page.read_text(encoding="utf-8")
+    assert interactive.render_solution_page(solution) == page.read_text(encoding="utf-8")
 
 
 def test_what_is_guaranteed_stands_on_the_page(solution, page):
@@ -109,7 +114,7 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
     assert lower <= whole.lower <= whole.upper <= upper
     assert (lower, upper) == pytest.approx((whole.lower, whole.upper), rel=1e-3)
     function = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -x, g=0), h=1 / 8, H=1 / 4)
-    text = interactive.page(function)
+    text = interactive.render_solution_page(function)
     assert "There is no gap: in contact everywhere." in text
     said = r"<p>Error of u in H¹: at most \S+( %)?, guaranteed; f linear between the nodes of the mesh\.</p>"
     assert re.search(said, text)
@@ -118,7 +123,7 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
 def test_a_mesh_with_too_many_triangles_is_drawn_coarser(monkeypatch, tmp_path):
     """Nodes and values are the mesh's own, the surface still covers the domain, and the page says so."""
     s = ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.1)
-    monkeypatch.setattr(shown, "MOST", 1000)
+    monkeypatch.setattr(plot_data, "MAX_SURFACE_TRIANGLES", 1000)
     s.save(tmp_path / "coarse.html")
     mesh = traces(tmp_path / "coarse.html", "surface")["mesh3d"]
     n = len(mesh["i"])
@@ -134,16 +139,17 @@ def test_a_mesh_with_too_many_triangles_is_drawn_coarser(monkeypatch, tmp_path):
 @pytest.mark.parametrize("most", [500, 2000])
 def test_a_coarser_surface_covers_the_domain(most):
     """On the square, whose corners stay: the triangles' areas sum up to 1, and no triangle is there twice."""
-    mesh = structured(square(), 1 / 64)
-    nodes, triangles = clustered(mesh, most)
+    mesh = make_structured_mesh(square(), 1 / 64)
+    nodes, triangles = cluster_nodes(mesh, most)
     assert most / 4 < len(triangles) <= most < len(mesh.triangles)
     points = mesh.points[nodes]
     assert {tuple(point) for point in points.tolist()} >= {(float(x), float(y)) for x, y in SQUARE}
     a, b, c = points[triangles].transpose(1, 2, 0)
-    (x, y), (z, w) = b - a, c - a
+    (x, y) = b - a
+    (z, w) = c - a
     assert (0.5 * (x * w - y * z)).sum() == pytest.approx(1, rel=0.02)
     assert len({tuple(sorted(each)) for each in triangles.tolist()}) == len(triangles)
-    same, whole = clustered(mesh, len(mesh.triangles))
+    same, whole = cluster_nodes(mesh, len(mesh.triangles))
     np.testing.assert_array_equal(same, np.arange(mesh.n_nodes))
     assert whole is mesh.triangles
 
@@ -182,8 +188,11 @@ def test_buttons_turn_the_surface(browser, page):
     for name in ("turn left", "tilt up", "nearer", "from above", "reset"):
         buttons[name].send_keys("\n")
         seen[name] = np.array([browser.driver.execute_script(eye)[axis] for axis in "xyz"])
-    x, y, z = (first[axis] for axis in "xyz")
-    turned, angle = seen["turn left"], np.radians(15)
+    x = first["x"]
+    y = first["y"]
+    z = first["z"]
+    turned = seen["turn left"]
+    angle = np.radians(15)
     expected = [x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle), z]
     np.testing.assert_allclose(turned, expected, rtol=1e-9)
     assert seen["tilt up"][2] > z
@@ -222,14 +231,17 @@ def test_clamped_sides_are_hatched_outside(tmp_path):
     s = ul.solve(problem, h=1 / 8, H=1 / 4)
     s.save(tmp_path / "clamped.html")
     line = traces(tmp_path / "clamped.html", "surface")["clamped"]
-    x, y, z = (np.asarray(line[axis], dtype=float) for axis in "xyz")
+    x = np.asarray(line["x"], dtype=float)
+    y = np.asarray(line["y"], dtype=float)
+    z = np.asarray(line["z"], dtype=float)
     breaks = np.flatnonzero(np.isnan(x))
     assert len(breaks) == 2
     for part, across, height in (
         (slice(0, breaks[0]), y, x / 2),
         (slice(breaks[0] + 1, breaks[1]), x, 0 * x),
     ):
-        feet, tips = across[part][0::3], across[part][1::3]
+        feet = across[part][0::3]
+        tips = across[part][1::3]
         assert len(tips) == len(feet) > 10
         np.testing.assert_allclose(feet, 0, atol=1e-12)
         assert np.all(tips < -0.01)
@@ -249,21 +261,23 @@ def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
     sides = [0, None, None, None]
     for f in (-4, lambda x, y: 0 * x - 4):
         s = ul.solve(ul.Problem(SQUARE, f, sides, free_sides=[1, 2], u={3: 0.5}), h=1 / 8, H=1 / 4)
-        rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", interactive.page(s)))
+        rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", interactive.render_solution_page(s)))
         assert list(rows) == ["force, side 0", "reaction, side 3"]
         for text, force in zip(rows.values(), (s.forces().sides[0], s.forces().reactions[3,]), strict=True):
-            lower, upper, value = force.lower, force.upper, force.value
-            assert text == interval(lower, upper, value) + ", guaranteed"
+            lower = force.lower
+            upper = force.upper
+            value = force.value
+            assert text == format_interval(lower, upper, value) + ", guaranteed"
 
 
 def test_sides_have_their_numbers_in_both_pictures():
     s = ul.solve(ul.Problem(SQUARE, -1, 0), h=1 / 8, H=1 / 4)
-    of = shown.shown(s)
-    numbers = interactive.surface(of).data[-1]
+    of = plot_data.collect_plot_data(s)
+    numbers = interactive.draw_surface(of).data[-1]
     assert (numbers.mode, list(numbers.text)) == ("text", ["0", "1", "2", "3"])
     places = np.column_stack([numbers.x, numbers.y])
     middles = s.polygon.at(np.arange(4), s.polygon.lengths / 2)
     assert np.all(np.sum((places - middles) * s.polygon.normals, axis=1) > 0)
     np.testing.assert_allclose(places, middles, atol=0.05)
-    named = [each.text for each in interactive.along(of).layout.annotations]
+    named = [each.text for each in interactive.draw_boundary_graphs(of).layout.annotations]
     assert named == ["side 0", "1", "2", "3"]

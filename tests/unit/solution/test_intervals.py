@@ -14,13 +14,13 @@ import pytest
 import unilateral as ul
 from unilateral.bounds.forces import Force
 from unilateral.cli import report
-from unilateral.formulas.decimals import fields, interval
+from unilateral.formulas.decimals import format_interval, interval_record
 from unilateral.norms.dual import Errors
-from unilateral.solution import interactive, shown, summary
+from unilateral.solution import interactive, plot_data, summary
 from unilateral.solution.bounds import Bounds
 from unilateral.solution.forces import Forces
 from unilateral.solution.solution import Solution
-from unilateral.system import as_json
+from unilateral.system import json_records
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 ENDS = [
@@ -37,7 +37,8 @@ NUMBER = r"-?[0-9.]+(?:e[+-][0-9]+)?"
 def wrong(text, value, lower, upper):
     """What a text says of an interval that is not so; the words are looked for one by one."""
     found = []
-    has_lower, has_upper = math.isfinite(lower), math.isfinite(upper)
+    has_lower = math.isfinite(lower)
+    has_upper = math.isfinite(upper)
     if ("guaranteed" in text) != (has_upper or (has_lower and lower != 0)):
         found.append("guaranteed")
     if re.search(r"\b(nan|inf)\b", text):
@@ -70,22 +71,23 @@ def solution():
 @pytest.fixture
 def places(solution, monkeypatch):
     """All that prints a force, by the names of the places."""
-    monkeypatch.setattr(summary, "_picture", lambda _: "")
-    drawn, certificate = shown.shown(solution), solution.certificate()
+    monkeypatch.setattr(summary, "_embed_picture", lambda _: "")
+    drawn = plot_data.collect_plot_data(solution)
+    certificate = solution.certificate()
 
     def texts(force):
         monkeypatch.setattr(Solution, "force", lambda self, sharp=False, sides=None: force)
         none = dict.fromkeys(("iterations", "hm12_algebraic_bound", "h1_error"), math.nan)
         found = certificate | none | {"algebraic_bound": math.nan, "seconds": 0.0, "peak_mb": 0.0}
         row = report.ForceRow("side_1", "force, side 1", force)
-        table = report.table(found, None, {}, [row], "", solution.problem)
+        table = report.format_result(found, None, {}, [row], "", solution.problem)
         return {
             "Force": repr(force),
             "Forces": repr(Forces(force, [force, Force(0.0, 0.0, math.inf)])).partition(" on sides")[0],
             "reaction": repr(Forces(Force(2.0, 0.0, math.inf), [], {(3,): force})).rpartition("side 3:")[2],
-            "summary": summary.rows(solution)["force"],
-            "notebook": re.search(r"<th>force</th><td>(.*?)</td>", summary.html(solution))[1],
-            "page": shown.force(solution, drawn),
+            "summary": summary.collect_summary_rows(solution)["force"],
+            "notebook": re.search(r"<th>force</th><td>(.*?)</td>", summary.render_summary_html(solution))[1],
+            "page": plot_data.describe_force(solution, drawn),
             "command": re.search("force, side 1 (.*)", table)[1] + ", guaranteed" * bounded(force),
         }
 
@@ -119,7 +121,8 @@ def test_what_was_printed_once_is_found_to_be_wrong():
 
 
 def test_forces_say_guaranteed_once_only_if_all_have_bounds():
-    known, unknown = Force(1.0, 0.75, 1.25), Force(2.0, 0.0, math.inf)
+    known = Force(1.0, 0.75, 1.25)
+    unknown = Force(2.0, 0.0, math.inf)
     assert repr(Forces(known, [known])) == "Forces: 1.00 ± 0.25; on sides 0: 1.00 ± 0.25; guaranteed"
     total = repr(Forces(known, [known], {}, Force(1.0, -math.inf, math.inf)))
     assert total.endswith("sum of forces and reactions: 1, no bound")
@@ -137,13 +140,13 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
             monkeypatch.setattr(name, lambda solution, sharp, bounds=bounds: bounds)
         finite = math.isfinite(u) and not math.isinf(multiplier)
         assert ("guaranteed" in repr(bounds)) == finite
-        rows = summary.rows(solution)
+        rows = summary.collect_summary_rows(solution)
         assert ("guaranteed" in rows["error of u"]) == math.isfinite(u)
         assert ("guaranteed" in rows["error of lambda"]) == math.isfinite(multiplier)
         for text in (repr(bounds), *rows.values()):
             assert not re.search(r"\b(nan|inf)\b", text)
         found = certificate | {"forces": None, "seconds": 0.0, "peak_mb": 0.0}
-        table = report.table(found, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem)
+        table = report.format_result(found, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem)
         assert ("\n  guaranteed  " in table) == math.isfinite(u)
         assert ("\n  also guaranteed  " in table) == math.isfinite(multiplier)
     assert repr(Errors(0.1, math.nan, math.nan, 0.3)) == (
@@ -153,7 +156,7 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
 
 def test_json_has_null_for_an_end_that_is_not_known_and_says_which_is():
     for value, lower, upper in ALL:
-        found = json.loads(as_json.text(fields(value, lower, upper)))
+        found = json.loads(json_records.encode_json(interval_record(value, lower, upper)))
         assert list(found) == ["value", "lower", "upper", "known"]
         for name, number in (("value", value), ("lower", lower), ("upper", upper)):
             assert found[name] == (number if math.isfinite(number) else None)
@@ -162,9 +165,9 @@ def test_json_has_null_for_an_end_that_is_not_known_and_says_which_is():
 
 
 def test_values_and_ends_are_in_any_format():
-    assert interval(1, 2, 1.5, ".2e") == "1.50e+00, between 1.00e+00 and 2.00e+00"
-    assert interval(-math.inf, 2, math.inf, ".1f") == "at most 2.0"
+    assert format_interval(1, 2, 1.5, ".2e") == "1.50e+00, between 1.00e+00 and 2.00e+00"
+    assert format_interval(-math.inf, 2, math.inf, ".1f") == "at most 2.0"
 
 
 def test_the_page_has_no_force_without_bounds(solution):
-    assert "∫λ" in interactive.page(solution)
+    assert "∫λ" in interactive.render_solution_page(solution)

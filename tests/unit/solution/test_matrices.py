@@ -25,7 +25,8 @@ def assembled(mesh, k, c):
     basis = skfem.Basis(of, skfem.ElementTriP1(), intorder=4)
     form = skfem.BilinearForm(lambda u, v, w: k * dot(grad(u), grad(v)) + c * u * v)
     load = skfem.LinearForm(lambda v, w: (w.x[0] * w.x[1] - 1) * v).assemble(basis)
-    a, b = np.array(KITE[1]), np.array(KITE[2])
+    a = np.array(KITE[1])
+    b = np.array(KITE[2])
     on = of.facets_satisfying(
         lambda x: np.abs((x[0] - a[0]) * (b - a)[1] - (x[1] - a[1]) * (b - a)[0]) < 1e-9, boundaries_only=True
     )
@@ -40,7 +41,8 @@ def test_they_are_scikit_fem_s(given, free):
     """All integrands are polynomials that both integrate exactly: they agree but for rounding."""
     of = solver(free, **given)
     found = of.matrices()
-    k, c = (eval(str(given.get(name, 1))) for name in "kc")
+    k = eval(str(given.get("k", 1)))
+    c = eval(str(given.get("c", 1)))
     A, load, flux = assembled(of.mesh, k, c)
     assert abs(found.A - A).max() < 1e-13 * abs(A).max()
     np.testing.assert_allclose(found.F, load + flux if free else load, rtol=0, atol=1e-14)
@@ -52,8 +54,10 @@ def test_they_are_scikit_fem_s(given, free):
 def test_the_solution_fulfils_the_discrete_problem(given, free):
     """(2.1) and (2.2) up to rounding, by an active set; control: without the load it does not."""
     of = solver(free, **given)
-    s, found = of(), of.matrices()
-    lambda_H, gap = s.multiplier[found.cells], found.B @ s.u - found.H * found.g
+    s = of()
+    found = of.matrices()
+    lambda_H = s.multiplier[found.cells]
+    gap = found.B @ s.u - found.H * found.g
     left = found.A @ s.u - found.B.T @ lambda_H
     assert np.abs(left - found.F).max() < 1e-13
     assert np.abs(left).max() > 1e-3
@@ -69,7 +73,8 @@ def test_the_solution_fulfils_the_discrete_problem(given, free):
 def test_B_has_integrals_over_cells(given):
     """Of 1 the cells' lengths; of x, which V_h contains, the lengths times the cells' middles."""
     of = solver((1,), **given)
-    found, cells = of.matrices(), of.partition
+    found = of.matrices()
+    cells = of.partition
     np.testing.assert_array_equal(found.cells, np.flatnonzero(cells.side != 1))
     np.testing.assert_allclose(found.B @ np.ones(of.mesh.n_nodes), found.H, rtol=1e-13)
     middles = 0.5 * (cells.ends[0] + cells.ends[1])[found.cells]

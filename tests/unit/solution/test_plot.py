@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 import unilateral as ul
 from unilateral.solution import plot_domain
-from unilateral.solution.plot import wrapped
-from unilateral.solution.shown import settled
+from unilateral.solution.plot import wrap_evenly
+from unilateral.solution.plot_data import round_gap_to_zero
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -24,7 +24,7 @@ SIZES = {"h": 1 / 16, "H": 1 / 8}
 def adapted():
     """At a re-entrant corner meshes are adapted."""
     s = ul.solve(ul.load(DATA / "problems/lshape.yaml"), accuracy=0.3)
-    assert s.mesh.adapted
+    assert s.mesh.is_adapted
     return s
 
 
@@ -33,7 +33,8 @@ def test_pictures_have_the_same_bytes_every_time(tmp_path, adapted, ending):
     """And begin as their format does."""
     for name in ("a", "b"):
         adapted.save(tmp_path / f"{name}.{ending}")
-    one, other = ((tmp_path / f"{name}.{ending}").read_bytes() for name in ("a", "b"))
+    one = (tmp_path / f"a.{ending}").read_bytes()
+    other = (tmp_path / f"b.{ending}").read_bytes()
     assert one == other
     assert one.startswith({"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}[ending])
 
@@ -94,9 +95,10 @@ def test_what_has_not_converged_is_drawn_as_it_is():
 
 def test_the_gap_is_drawn_but_for_the_size_of_what_the_iteration_left():
     """By hand: 0.1 is seen of the 0 in contact, so 0.05 outside is nothing, and 0.2 is a gap."""
-    gap, lambda_H = np.array([0.1, -0.05, 0.05, 0.2, math.nan]), np.array([1.0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(settled(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
-    np.testing.assert_array_equal(settled(gap[2:], 0 * gap[2:]), gap[2:])
+    gap = np.array([0.1, -0.05, 0.05, 0.2, math.nan])
+    lambda_H = np.array([1.0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(round_gap_to_zero(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
+    np.testing.assert_array_equal(round_gap_to_zero(gap[2:], 0 * gap[2:]), gap[2:])
 
 
 def test_the_title_is_that_of_the_problem_and_tells_the_relative_bound(adapted):
@@ -132,10 +134,10 @@ def test_the_picture_says_what_is_guaranteed(given, sizes, said):
 def test_long_titles_are_wrapped_evenly_and_too_long_ones_end():
     """By hand: 11 words of 4 letters need 2 lines of at most 30, and as even ones 29 and 24."""
     words = ["word"] * 11
-    assert wrapped(" ".join(words), 30) == [" ".join(words[:6]), " ".join(words[:5])]
-    cut = wrapped(" ".join(words * 9), 30)
+    assert wrap_evenly(" ".join(words), 30) == [" ".join(words[:6]), " ".join(words[:5])]
+    cut = wrap_evenly(" ".join(words * 9), 30)
     assert (len(cut), cut[-1][-4:]) == (3, " ...")
-    assert wrapped("", 30) == []
+    assert wrap_evenly("", 30) == []
 
 
 def test_a_title_is_no_formula():
@@ -145,9 +147,11 @@ def test_a_title_is_no_formula():
 
 def test_the_lengths_of_edges_take_the_place_of_a_mesh_that_would_be_grey(adapted, monkeypatch):
     """In colours on a logarithmic scale with a name: at a node their geometric mean."""
-    monkeypatch.setattr(plot_domain, "TRIANGLES", len(adapted.mesh.triangles) - 1)
+    monkeypatch.setattr(plot_domain, "MAX_OUTLINED_TRIANGLES", len(adapted.mesh.triangles) - 1)
     page = adapted.plot()
-    shown, (bar,), mesh = page.axes[1].collections[0].get_array(), page.axes[1].child_axes, adapted.mesh
+    shown = page.axes[1].collections[0].get_array()
+    (bar,) = page.axes[1].child_axes
+    mesh = adapted.mesh
     for node in range(0, mesh.n_nodes, 50):
         of = mesh.points[mesh.triangles[(mesh.triangles == node).any(axis=1)]]
         longest = np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2).max(axis=1)
@@ -162,7 +166,8 @@ def test_free_sides_are_marked_and_their_flux_is_drawn():
     top, above, below = s.plot().axes
     given = next(patch for patch in above.patches if patch.get_label() == "given flux q")
     means = np.full(32, np.nan)
-    means[8:16], means[24:] = np.arange(0.25, 4, 0.5), -3
+    means[8:16] = np.arange(0.25, 4, 0.5)
+    means[24:] = -3
     np.testing.assert_allclose(given.get_data().values, means, rtol=1e-12)
     assert [text.get_text() for text in above.get_legend().get_texts()] == ["given flux q"]
     assert [text.get_text() for text in below.texts] == ["free", "free"]
@@ -200,7 +205,8 @@ def test_all_that_is_written_is_inside_the_page(f, size):
     square = (size * np.array(SQUARE)).tolist()
     page = ul.solve(ul.Problem(square, f=f, g=0, c=1 / size**2), h=size / 8, H=size / 4).plot()
     page.draw_without_rendering()
-    drawn, (width, height) = page.get_tightbbox(), page.get_size_inches()
+    drawn = page.get_tightbbox()
+    (width, height) = page.get_size_inches()
     assert 0 <= drawn.x0 < drawn.x1 <= width
     assert 0 <= drawn.y0 < drawn.y1 <= height
 
@@ -271,7 +277,8 @@ def ink(s, outside):
     canvas = FigureCanvasAgg(page)
     canvas.draw()
     black = np.asarray(canvas.buffer_rgba())[::-1, :, :3].max(axis=2) < 64
-    found, polygon = [], s.polygon
+    found = []
+    polygon = s.polygon
     for side in range(polygon.n_sides):
         s_ = np.linspace(0.05, 0.95, 400) * polygon.lengths[side]
         on = polygon.at(np.full(len(s_), side), s_)
@@ -283,7 +290,8 @@ def ink(s, outside):
 
 def test_clamped_sides_are_hatched_outside(half_clamped):
     """In black, as for walls, so that they are seen without colours; control: inside, and other sides."""
-    outside, inside = ink(half_clamped, 0.015), ink(half_clamped, -0.015)
+    outside = ink(half_clamped, 0.015)
+    inside = ink(half_clamped, -0.015)
     assert np.all((outside > 100) == [True, False, False, True])
     assert np.all(outside[[1, 2]] == 0)
     assert np.all(inside == 0)

@@ -5,7 +5,7 @@ import pytest
 import sentences
 
 import unilateral as ul
-from unilateral.bounds import mesh_data
+from unilateral.bounds import enclosed_data
 from unilateral.discrete import choice, multilevel
 from unilateral.geometry import mesh as meshes
 from unilateral.solution import sizes
@@ -26,13 +26,13 @@ WAYS = {
     "on levels": (KITE, {"h": 1 / 16, "H": 1 / 8}, "multigrid"),
 }
 COUNTED = {
-    "meshes": (meshes, "following"),
-    "made": (sizes.KINDS, "unstructured"),
+    "meshes": (meshes, "triangulate_from_cells"),
+    "made": (sizes.MESH_KINDS, "unstructured"),
     "condensations": (choice, "condense"),
     "couplings": (choice, "mixed_spaces"),
-    "hierarchies": (multilevel, "hierarchy"),
+    "hierarchies": (multilevel, "build_hierarchy"),
     "cells": (multilevel, "nested_cells"),
-    "enclosures of f": (mesh_data, "enclose_source"),
+    "enclosures of f": (enclosed_data, "enclose_source"),
 }
 
 

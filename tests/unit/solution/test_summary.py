@@ -14,7 +14,7 @@ import unilateral as ul
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.problems.fields import as_html
 from unilateral.solution import summary
-from unilateral.solution.interactive import page
+from unilateral.solution.interactive import render_solution_page
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
@@ -66,7 +66,9 @@ def test_the_sum_of_all_forces_is_shown_wherever_forces_are(name, exact, run, tm
             "Python": re.search("sum of forces and reactions: (.*);", repr(s.forces())),
             "summary": re.search("with reactions   (.*), guaranteed", repr(s)),
             "notebook": re.search("<th>with reactions</th><td>(.*?), guaranteed</td>", s._repr_html_()),
-            "page": re.search("<th>sum of forces, reactions</th><td>(.*?), guaranteed</td>", page(s)),
+            "page": re.search(
+                "<th>sum of forces, reactions</th><td>(.*?), guaranteed</td>", render_solution_page(s)
+            ),
             "command": re.search("sum of forces, reactions +(.*)", table),
         }
         found = json.loads(record)["forces"].get("forces_and_reactions")
@@ -119,7 +121,7 @@ def test_a_notebook_shows_the_table_and_the_picture(cog):
     """One element of HTML with the rows of the text, and an image that is an SVG."""
     page = ElementTree.fromstring(re.sub(r"(<img [^>]*)>", r"\1/>", cog._repr_html_()))
     shown = {row.find("th").text: row.find("td").text for row in page.iter("tr")}
-    assert shown == summary.rows(cog)
+    assert shown == summary.collect_summary_rows(cog)
     kind, drawn = page.find("img").attrib["src"].split(",")
     assert kind == "data:image/svg+xml;base64"
     assert ElementTree.fromstring(base64.b64decode(drawn)).tag.endswith("svg")
@@ -135,7 +137,7 @@ def test_without_matplotlib_there_is_the_table_alone(cog, monkeypatch):
 
 def test_nothing_that_takes_long_is_begun(monkeypatch):
     """On a mesh with more than QUICK nodes no bound and no picture; control: a known bound is shown."""
-    monkeypatch.setattr(summary, "QUICK", 100)
+    monkeypatch.setattr(summary, "MAX_NODES_FOR_SUMMARY", 100)
     s = ul.solve("natural", **SIZES)
     with monkeypatch.context() as forbidden:
         forbidden.setattr(DiscreteSolution, "bound", None)
@@ -161,7 +163,8 @@ def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypat
 
 def test_a_whole_boundary_in_contact_and_none():
     """By hand: g above f everywhere presses u onto g; g far below leaves u alone."""
-    full, none = (ul.solve(ul.Problem(SQUARE, f=0, g=g), **SIZES) for g in (1, -1))
+    full = ul.solve(ul.Problem(SQUARE, f=0, g=1), **SIZES)
+    none = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES)
     assert "contact          the whole boundary, length 4 of 4" in repr(full)
     assert "contact          length 0 of 4" in repr(none)
     assert np.all(none.multiplier == 0)
@@ -169,8 +172,10 @@ def test_a_whole_boundary_in_contact_and_none():
 
 def test_a_linear_problem_has_no_row_of_lambda_and_of_no_force():
     """No side carries contact; its error of u is bounded all the same."""
-    rows = summary.rows(ul.solve(ul.Problem(SQUARE, f="x", g=None, free_sides=[0, 1, 2, 3]), **SIZES))
-    assert rows["contact"] == summary.LINEAR
+    rows = summary.collect_summary_rows(
+        ul.solve(ul.Problem(SQUARE, f="x", g=None, free_sides=[0, 1, 2, 3]), **SIZES)
+    )
+    assert rows["contact"] == summary.LINEAR_PROBLEM_NOTE
     assert set(rows) == {"polygon", "unknowns", "error of u", "contact"}
     assert "guaranteed" in rows["error of u"]
 
@@ -179,7 +184,7 @@ def test_a_bound_as_large_as_the_solution_is_no_percentage_of_it():
     """f has four waves to a side, and the mesh four edges: nothing is known of the norm of u."""
     s = ul.solve(ul.Problem(SQUARE, f="300*sin(8*pi*x)*sin(8*pi*y)", g=-1), h=1 / 4, H=1 / 2)
     assert not s.bounds.relative_u < 1
-    row = summary.rows(s)["error of u"]
+    row = summary.collect_summary_rows(s)["error of u"]
     assert "%" not in row
     assert re.match(r"at most \S+", row)
 
@@ -188,7 +193,7 @@ def test_a_search_for_a_sharp_bound_prints_that():
     """It is below the cheap one, and printed up to three digits."""
     s = ul.solve("natural", accuracy=0.2, sharp=True)
     assert s.sharp_bounds.u < 0.999 * s.bounds.u
-    printed = float(re.search(r"at most (\S+),", summary.rows(s)["error of u"])[1])
+    printed = float(re.search(r"at most (\S+),", summary.collect_summary_rows(s)["error of u"])[1])
     assert s.sharp_bounds.u <= printed <= 1.01 * s.sharp_bounds.u
 
 

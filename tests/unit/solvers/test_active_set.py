@@ -7,7 +7,7 @@ import pytest
 from conftest import interior_point
 from offsets import OFFSETS, middles, operator
 
-from unilateral.solvers.active_set import active_set
+from unilateral.solvers.active_set import solve_by_active_set
 
 
 @pytest.fixture(params=[("square", 2), ("square", 1), ("square", 0.5), ("lshape", 2), ("lshape", 0.5)])
@@ -24,24 +24,24 @@ def offset(request, of):
 def test_u_equals_that_of_an_interior_point_code(of, offset):
     """||u - u'||_1 <= 1e-8 of the size of the solution: clarabel's accuracy."""
     expected = interior_point(of, offset)
-    result = active_set(of, offset, 1e-6)
+    result = solve_by_active_set(of, offset, 1e-6)
     assert result.converged
     size = max(1.0, float(np.linalg.norm(expected)))
-    assert np.linalg.norm(of.half @ result.lambda_H - expected) <= 1e-8 * size
+    assert np.linalg.norm(of.D_factor @ result.lambda_H - expected) <= 1e-8 * size
 
 
 def test_comparison_notices_a_sign_error_and_a_lost_cell(of):
     offset = OFFSETS["partial contact"](of)
     expected = interior_point(of, offset)
-    lambda_H = active_set(of, offset, 1e-6).lambda_H
+    lambda_H = solve_by_active_set(of, offset, 1e-6).lambda_H
     lost = np.where(lambda_H == lambda_H.max(), 0, lambda_H)
     for wrong in (-lambda_H, lost):
-        assert np.linalg.norm(of.half @ wrong - expected) > 1e-3
+        assert np.linalg.norm(of.D_factor @ wrong - expected) > 1e-3
 
 
 def test_kkt_conditions_hold_to_rounding(of, offset):
     """lambda >= 0, F >= 0, lambda F = 0 on every cell; 1e-12 of the data's size for m <= 128 cells."""
-    result = active_set(of, offset, 1e-6)
+    result = solve_by_active_set(of, offset, 1e-6)
     assert result.lambda_H.min() >= 0
     violation = np.minimum(result.lambda_H, of.gap(result.lambda_H, offset))
     assert np.abs(violation).max() < 1e-12 * np.abs(offset).max()
@@ -50,10 +50,11 @@ def test_kkt_conditions_hold_to_rounding(of, offset):
 def test_contact_is_what_the_offsets_say():
     """In full contact lambda_H is 2 + sin 3s by construction, unique as beta > 0."""
     of = operator(8, 2)
-    full = active_set(of, OFFSETS["full contact"](of), 1e-6).lambda_H
+    full = solve_by_active_set(of, OFFSETS["full contact"](of), 1e-6).lambda_H
     np.testing.assert_allclose(full, 2 + np.sin(3 * middles(of)), rtol=1e-12)
     loaded = {
-        name: np.count_nonzero(active_set(of, make(of), 1e-6).lambda_H) for name, make in OFFSETS.items()
+        name: np.count_nonzero(solve_by_active_set(of, make(of), 1e-6).lambda_H)
+        for name, make in OFFSETS.items()
     }
     assert loaded["no contact"] == 0
     assert 0 < loaded["partial contact"] < 16
@@ -63,7 +64,7 @@ def test_contact_is_what_the_offsets_say():
 def test_the_bound_takes_one_product_with_D_for_u_and_one_for_its_energy(ratio, applications):
     """Where beta is 0 the energy bound takes that for u alone."""
     of = operator(8, ratio)
-    assert active_set(of, OFFSETS["partial contact"](of), 1e-5).operator_applications == applications
+    assert solve_by_active_set(of, OFFSETS["partial contact"](of), 1e-5).operator_applications == applications
 
 
 def test_a_solver_that_gives_up_is_reported(monkeypatch):
@@ -73,7 +74,7 @@ def test_a_solver_that_gives_up_is_reported(monkeypatch):
     monkeypatch.setattr("scipy.optimize.nnls", give_up)
     of = operator(8, 0.5)
     with pytest.warns(RuntimeWarning, match="active_set .* above the tolerance"):
-        result = active_set(of, OFFSETS["partial contact"](of), 1e-6)
+        result = solve_by_active_set(of, OFFSETS["partial contact"](of), 1e-6)
     assert not result.converged
     assert not result.lambda_H.any()
     assert result.bound > 0.1
@@ -82,7 +83,7 @@ def test_a_solver_that_gives_up_is_reported(monkeypatch):
 def test_a_tolerance_below_rounding_is_reported():
     of = operator(8, 2)
     with pytest.warns(RuntimeWarning, match="above the tolerance"):
-        result = active_set(of, OFFSETS["full contact"](of), 0.0)
+        result = solve_by_active_set(of, OFFSETS["full contact"](of), 0.0)
     assert not result.converged
     assert 0 < result.bound < 1e-10
     assert result.algorithm == "active_set"

@@ -12,26 +12,26 @@ import pytest
 import scipy.sparse as sp
 from nested import alone, ritz
 
-from unilateral.discrete.condensed import CondensedProblem, with_load
+from unilateral.discrete.condensed import CondensedProblem, build_condensed_problem
 from unilateral.fem import residual_rounding
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
-from unilateral.fem.functional_norm import dual_norm
-from unilateral.fem.hierarchy import FinerSpace, hierarchy
+from unilateral.fem.functional_norm import multilevel_dual_norm_bound
+from unilateral.fem.hierarchy import FinerSpace, build_hierarchy
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import by_parts, case_moments
+from unilateral.fem.p1 import assemble_load_by_blocks, case_moments
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import adapted as adapted_meshes
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems import case as cases
-from unilateral.solvers.active_set import active_set
-from unilateral.solvers.multigrid import Multigrid, MultigridResult, multigrid
-from unilateral.solvers.multigrid_bounds import algebraic_bound, feasible
+from unilateral.solvers.active_set import solve_by_active_set
+from unilateral.solvers.multigrid import Multigrid, MultigridResult, build_multigrid
+from unilateral.solvers.multigrid_bounds import multilevel_algebraic_bound, shift_to_feasible
 
 Array = np.ndarray
 Pair = tuple[Mesh, Partition]
@@ -50,36 +50,37 @@ class Both:
     def exact(self) -> tuple[Array, Array]:
         """u_h (n,) and lambda_H (m,), by the active set."""
         spaces = self.discrete.spaces
-        lambda_H = active_set(spaces.operator, self.discrete.offset, 1e-5).lambda_H
+        lambda_H = solve_by_active_set(spaces.operator, self.discrete.offset, 1e-5).lambda_H
         return spaces.response(self.discrete.load, lambda_H), lambda_H
 
     def norm(self, v: Array) -> float:
-        return math.sqrt(max(float(v @ (self.grids.finest.of.A @ v)), 0.0))
+        return math.sqrt(max(float(v @ (self.grids.finest.hierarchy.A @ v)), 0.0))
 
     def errors(self, u: Array, lambda_H: Array) -> tuple[float, float]:
         """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
         exact_u, exact_lambda = self.exact
-        half = self.discrete.spaces.operator.half
+        half = self.discrete.spaces.operator.D_factor
         return self.norm(u - exact_u), float(np.linalg.norm(half @ (lambda_H - exact_lambda)))
 
     def bound(self, u: Array, lambda_H: Array) -> float:
-        return algebraic_bound(self.grids.finest, u, lambda_H)
+        return multilevel_algebraic_bound(self.grids.finest, u, lambda_H)
 
 
 def on_levels(mesh: Mesh, partition: Partition, g: Array, free: tuple[int, ...] = ()) -> Multigrid:
     """The problem with the load `of` and the cell means g (cells,)."""
-    levels = hierarchy(mesh, form=Form(free=free))
+    levels = build_hierarchy(mesh, form=Form(free=free))
     cells = nested_cells(levels, partition)
     assert cells is not None
-    held = levels.form.held(partition.side)
-    return multigrid(levels, cells, by_parts(mesh, of), (partition.lengths * g)[held])
+    held = levels.form.has_multiplier(partition.side)
+    return build_multigrid(levels, cells, assemble_load_by_blocks(mesh, of), (partition.lengths * g)[held])
 
 
 def both(mesh: Mesh, partition: Partition, g: Array, free: tuple[int, ...] = ()) -> Both:
     """The same problem in both ways."""
-    spaces, load = mixed_spaces(condense(mesh, Form(free=free)), partition), by_parts(mesh, of)
+    spaces = mixed_spaces(condense(mesh, Form(free=free)), partition)
+    load = assemble_load_by_blocks(mesh, of)
     trace = spaces.condensed.solve(load)[mesh.boundary]
-    return Both(on_levels(mesh, partition, g, free), with_load(spaces, load, trace, g))
+    return Both(on_levels(mesh, partition, g, free), build_condensed_problem(spaces, load, trace, g))
 
 
 def of(mesh: Mesh) -> Array:
@@ -96,7 +97,8 @@ def waves(partition: Partition, zones: float) -> Array:
 
 def wide(mesh: Mesh) -> Partition:
     """Cells of two to five edges, at random; each side ends with what is left."""
-    rng, chosen = np.random.default_rng(0), [0]
+    rng = np.random.default_rng(0)
+    chosen = [0]
     corners = np.searchsorted(mesh.s, mesh.polygon.starts)
     for last in corners[1:].tolist():
         while last - chosen[-1] > 5:
@@ -118,28 +120,33 @@ def random_polygon(seed: int) -> Polygon:
 def coarse(name: str, edges: int = 3) -> Mesh:
     """By the name of a polygon and the number of edges, or of random ones with so many edges on the sides."""
     if name.isdigit() or name == "even lshape":
-        polygon = random_polygon(int(name)) if name.isdigit() else named("lshape")
-        return meshes.with_boundary(polygon, polygon.divided(np.full(polygon.n_sides, edges))[:-1])
+        polygon = random_polygon(int(name)) if name.isdigit() else find_polygon("lshape")
+        return meshes.triangulate_from_boundary(
+            polygon, polygon.divided(np.full(polygon.n_sides, edges))[:-1]
+        )
     if name == "gmsh":
-        return meshes.unstructured(named("lshape"), 0.3)
+        return meshes.make_unstructured_mesh(find_polygon("lshape"), 0.3)
     polygon_name, n = name.split()
-    return structured(named(polygon_name), 1 / int(n))
+    return make_structured_mesh(find_polygon(polygon_name), 1 / int(n))
 
 
 def uniform(first: Mesh, refinements: int, edges: int) -> Pair:
     """On cells of that many edges, of two to five for 0."""
-    mesh = meshes.refine(alone(first), refinements)
+    mesh = meshes.refine_uniformly(alone(first), refinements)
     return mesh, Partition(mesh.polygon, mesh.s[::edges].copy()) if edges else wide(mesh)
 
 
 def adapted_to(first: Mesh, corner: int, times: int, share: float = 1.0) -> Pair:
     """Refined again and again near a corner of the polygon, so that its cells stay stable."""
-    rng, of = np.random.default_rng(7), adapted_meshes.adapted(alone(first))
+    rng = np.random.default_rng(7)
+    of = adapted_meshes.start_adapted_mesh(alone(first))
     place = first.polygon.vertices[corner]
     for k in range(times):
         distance = np.hypot(*(of.mesh.points - place).T)[of.mesh.triangles].min(axis=1)
         near = np.flatnonzero(distance <= 0.3 * first.polygon.diameter / 2**k)
-        of = adapted_meshes.refined(of, rng.choice(near, int(np.ceil(share * len(near))), replace=False))
+        of = adapted_meshes.refine_and_balance(
+            of, rng.choice(near, int(np.ceil(share * len(near))), replace=False)
+        )
     return of.mesh, of.partition
 
 
@@ -191,10 +198,11 @@ def test_it_finds_the_solution_of_the_condensed_problem(number: int) -> None:
     Adapted meshes have one level with cells, which starts from 0 with all of them active.
     """
     of_both = problem(number)
-    found, (u, lambda_H) = of_both.grids.solve(1e-11), of_both.exact
+    found = of_both.grids.solve(1e-11)
+    (u, lambda_H) = of_both.exact
     size = max(1.0, float(lambda_H.max()))
     adapted = number >= N_UNIFORM
-    assert of_both.discrete.mesh.adapted == adapted
+    assert of_both.discrete.mesh.is_adapted == adapted
     assert not adapted or len(of_both.grids.grids) == 1
     assert found.converged
     assert 0 < np.count_nonzero(lambda_H) < len(lambda_H)
@@ -219,7 +227,8 @@ def test_no_contact_full_contact_and_no_cells(adapted: bool) -> None:
     one = np.ones(partition.n_cells)
     for g, active in ((100 * one, len(one)), (-100 * one, 0)):
         of_both = both(mesh, partition, g)
-        found, (u, lambda_H) = of_both.grids.solve(1e-10), of_both.exact
+        found = of_both.grids.solve(1e-10)
+        (u, lambda_H) = of_both.exact
         assert np.count_nonzero(found.active) == np.count_nonzero(lambda_H) == active
         assert np.abs(found.u - u).max() < SAME * max(1.0, float(np.abs(u).max()))
     without = on_levels(mesh, partition, one, (0, 1, 2, 3)).solve(1e-10)
@@ -230,9 +239,11 @@ def test_no_contact_full_contact_and_no_cells(adapted: bool) -> None:
 def guesses(of_both: Both) -> list[tuple[Array, Array]]:
     """Solved roughly, perturbed, on wrong sets, and what has nothing to do with the solution."""
     rng = np.random.default_rng(2)
-    (u, lambda_H), discrete = of_both.exact, of_both.discrete
-    lifted, hat = lambda_H + rng.uniform(0, 0.1, len(lambda_H)), np.zeros_like(u)
-    hat[of_both.grids.finest.cells.inside[lambda_H > 0]] = 1e-3
+    (u, lambda_H) = of_both.exact
+    discrete = of_both.discrete
+    lifted = lambda_H + rng.uniform(0, 0.1, len(lambda_H))
+    hat = np.zeros_like(u)
+    hat[of_both.grids.finest.cells.inner_node[lambda_H > 0]] = 1e-3
     rough = of_both.grids.solve(1e-2)
 
     def moved(size: float) -> tuple[Array, Array]:
@@ -263,13 +274,15 @@ def test_the_bound_is_one_for_any_guess(number: int) -> None:
 
 def test_a_bound_of_half_the_size_or_without_the_defect_is_none() -> None:
     """Without it u - w would be u."""
-    of_both, halves, without = problem(0), [], []
+    of_both = problem(0)
+    halves = []
+    without = []
     finest = of_both.grids.finest
     for u, lambda_H in guesses(of_both):
         worst = max(of_both.errors(u, lambda_H))
         halves.append(0.5 * of_both.bound(u, lambda_H) < worst)
-        R = finest.of.A @ u - finest.load - finest.cells.B.T @ lambda_H
-        without.append(dual_norm(finest.of, R) < worst)
+        R = finest.hierarchy.A @ u - finest.load - finest.cells.B.T @ lambda_H
+        without.append(multilevel_dual_norm_bound(finest.hierarchy, R) < worst)
     assert any(halves)
     assert any(without)
 
@@ -280,16 +293,16 @@ def test_a_gap_at_the_end_of_its_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     v is 1 + doubt there and not 1, so ||v||_1 + ||u - v||_1 is 2 (1 + doubt) ||hat||_1. That is attained
     up to rounding; with the doubt counted once it would be missed.
     """
-    doubt, A = 0.25, sp.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]))
+    doubt = 0.25
+    A = sp.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]))
     gap = residual_rounding.Rounded(np.array([-1.0]), np.array([doubt]))
-    monkeypatch.setattr(residual_rounding, "constrained", lambda *_: gap)
-    B, zero = sp.csr_array(np.array([[0.0, 1.0, 0.0]])), np.zeros(3)
-    of, cells = (
-        SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1)),
-        SimpleNamespace(B=B, inside=np.array([1])),
-    )
-    grid = SimpleNamespace(of=of, cells=cells, load=zero, d=np.ones(1))
-    residual, norm = feasible(grid, zero, np.zeros(1))
+    monkeypatch.setattr(residual_rounding, "gap_with_rounding", lambda *_: gap)
+    B = sp.csr_array(np.array([[0.0, 1.0, 0.0]]))
+    zero = np.zeros(3)
+    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
+    cells = SimpleNamespace(B=B, inner_node=np.array([1]))
+    grid = SimpleNamespace(hierarchy=of, cells=cells, load=zero, d=np.ones(1))
+    residual, norm = shift_to_feasible(grid, zero, np.zeros(1))
     dual = np.sqrt(residual.values @ np.linalg.solve(A.toarray(), residual.values))
     assert dual + norm == pytest.approx(2 * (1 + doubt) * np.sqrt(3), rel=1e-6)
     assert dual + norm >= 2 * (1 + doubt) * np.sqrt(3)
@@ -316,17 +329,17 @@ def on_squares(n: int, zones: float) -> MultigridResult:
 
 def iterations(found: MultigridResult) -> int:
     """On the finest level, in all steps."""
-    finest = found.counts[-1][0]
-    return sum(count for level, count in found.counts if level == finest)
+    finest = found.iteration_counts[-1][0]
+    return sum(count for level, count in found.iteration_counts if level == finest)
 
 
 def test_iterations_do_not_grow_with_the_mesh() -> None:
     found = [[on_squares(n, zones) for zones in (1, 37)] for n in (16, 32, 64, 128, 256)]
     one, many = np.array([[iterations(each) for each in of_n] for of_n in found]).T
     assert one.max() <= 12
-    assert max(of_n[0].counts[-1][1] for of_n in (found[0], found[-1])) <= 9
+    assert max(of_n[0].iteration_counts[-1][1] for of_n in (found[0], found[-1])) <= 9
     assert np.all(many <= 3 * one)
-    assert len(found[-1][1].counts) <= 30
+    assert len(found[-1][1].iteration_counts) <= 30
 
 
 @cache
@@ -343,15 +356,15 @@ def test_iterations_do_not_grow_with_the_depth(times: int) -> None:
     assert found.converged
     assert ritz(found)[0] > 0.3
     assert np.all(ritz(found) <= 1 + 1e-9)
-    assert found.counts[-1][1] <= deep(10).counts[-1][1] + 2
-    assert found.counts[-1][0] >= times
+    assert found.iteration_counts[-1][1] <= deep(10).iteration_counts[-1][1] + 2
+    assert found.iteration_counts[-1][0] >= times
 
 
 def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Control: with the finest and the coarsest level only, the least eigenvalue falls with the depth."""
 
     def unsmoothed(level: FinerSpace, S: object, r: Array) -> tuple[Array, Array]:
-        k = level.n if level.smoothed is None else len(level.smoothed)
+        k = level.n if level.smoothed_nodes is None else len(level.smoothed_nodes)
         return np.zeros(k), np.zeros(k)
 
     monkeypatch.setattr(FinerSpace, "sweep_down", unsmoothed)
@@ -362,10 +375,11 @@ def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.Monke
 def test_it_goes_on_from_what_was_found() -> None:
     """On the set of the solution it takes one step, from all cells active it takes more."""
     grids = problem(0).grids
-    first, cold = grids.solve(1e-3), grids.solve(1e-10)
+    first = grids.solve(1e-3)
+    cold = grids.solve(1e-10)
     second = grids.solve(1e-10, (first.u, first.active))
     assert second.converged
-    assert len(second.counts) == 1 < len(cold.counts)
+    assert len(second.iteration_counts) == 1 < len(cold.iteration_counts)
     assert iterations(second) < iterations(cold)
     assert np.abs(second.u - problem(0).exact[0]).max() < SAME
 
@@ -390,17 +404,18 @@ def test_a_load_that_is_no_number_ends_at_once() -> None:
 def test_scaled_data_have_the_scaled_solution(factor: float) -> None:
     grids = problem(0).grids
     scaled = Multigrid([replace(g, load=factor * g.load, d=factor * g.d) for g in grids.grids])
-    expected, found = grids.solve(1e-10), scaled.solve(1e-10 * factor)
-    assert found.counts == expected.counts
+    expected = grids.solve(1e-10)
+    found = scaled.solve(1e-10 * factor)
+    assert found.iteration_counts == expected.iteration_counts
     assert np.array_equal(found.active, expected.active)
     assert np.allclose(found.u, factor * expected.u, rtol=0, atol=1e-13 * factor)
 
 
 @pytest.mark.parametrize("name", ["natural", "smooth"])
 def test_loads_of_cases_are_those_of_the_condensed_problem(name: str) -> None:
-    case = cases.load(name, square(), 0)
-    mesh = meshes.refine(coarse("square 4"), 3)
-    found = by_parts(mesh, partial(case_moments, case))
+    case = cases.load_solution(name, square(), 0)
+    mesh = meshes.refine_uniformly(coarse("square 4"), 3)
+    found = assemble_load_by_blocks(mesh, partial(case_moments, case))
     expected = ritz_projection(case, condense(mesh)).load
     assert np.abs(found - expected).max() < 1e-13 * np.abs(expected).max()
-    assert np.abs(found - by_parts(mesh, of)).max() > 1e-3 * np.abs(expected).max()
+    assert np.abs(found - assemble_load_by_blocks(mesh, of)).max() > 1e-3 * np.abs(expected).max()

@@ -11,9 +11,9 @@ import scipy.sparse as sp
 from unilateral.arrays import Array
 from unilateral.discrete.multilevel import MultilevelProblem
 from unilateral.fem import residual_rounding
-from unilateral.fem.residual_rounding import UNIT, Rounded
+from unilateral.fem.residual_rounding import UNIT_ROUNDOFF, Rounded
 from unilateral.solvers import multigrid_bounds
-from unilateral.solvers.multigrid_bounds import feasible, norm_below
+from unilateral.solvers.multigrid_bounds import functional_norm_lower_bound, shift_to_feasible
 
 A = sp.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]))
 ROOMY = 1 + 1e-6
@@ -22,16 +22,16 @@ ROOMY = 1 + 1e-6
 
 def grid(B: Array, inside: list[int], d: Array) -> SimpleNamespace:
     """No load; one hat inside each cell."""
-    of = SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1))
-    cells = SimpleNamespace(B=sp.csr_array(B), inside=np.array(inside))
-    return SimpleNamespace(of=of, cells=cells, load=np.zeros(3), d=d)
+    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
+    cells = SimpleNamespace(B=sp.csr_array(B), inner_node=np.array(inside))
+    return SimpleNamespace(hierarchy=of, cells=cells, load=np.zeros(3), d=d)
 
 
 def norm_of_w(monkeypatch: pytest.MonkeyPatch, gap: Rounded, lambda_H: Array, B: Array, u: Array) -> float:
-    """The second part of `feasible` for gaps that are known like that."""
-    monkeypatch.setattr(residual_rounding, "constrained", lambda *_: gap)
+    """The second part of `shift_to_feasible` for gaps that are known like that."""
+    monkeypatch.setattr(residual_rounding, "gap_with_rounding", lambda *_: gap)
     inside = np.flatnonzero(B.any(axis=0)).tolist()
-    return feasible(grid(B, inside, np.zeros(len(B))), u, lambda_H)[1]
+    return shift_to_feasible(grid(B, inside, np.zeros(len(B))), u, lambda_H)[1]
 
 
 MIDDLE = np.array([[0.0, 1.0, 0.0]])
@@ -67,7 +67,8 @@ def test_doubts_of_neighbours_may_have_opposite_signs(monkeypatch):
 
 def test_the_rounding_of_v_is_a_doubt(monkeypatch):
     """u = 1 less a fifth of half a unit in the last place is 1 again: v is off by w, which counts twice."""
-    small, u = 0.2 * UNIT, np.array([0.0, 1.0, 0.0])
+    small = 0.2 * UNIT_ROUNDOFF
+    u = np.array([0.0, 1.0, 0.0])
     gap = Rounded(np.array([small]), np.zeros(1))
     assert 1.0 - small == 1.0
     assert norm_of_w(monkeypatch, gap, np.ones(1), MIDDLE, u) >= (small + 2 * small) * HAT
@@ -79,32 +80,33 @@ def test_a_lower_bound_of_a_norm_counts_the_rounding_of_A_v_against_it(monkeypat
     """As if a quarter of A v was computed, the rest was its doubt: R . v over half of ||v|| is no bound."""
     R = np.array([1.0, -2.0, 0.5])
     v = np.linalg.solve(A.toarray(), R)
-    of = SimpleNamespace(A=A, sums=A.sum(axis=1), mass=np.full(3, 0.25))
+    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=np.full(3, 0.25))
     known = A @ v / np.abs(R).max()
-    monkeypatch.setattr(multigrid_bounds, "_nearly_solved", lambda _, R: np.linalg.solve(A.toarray(), R))
+    monkeypatch.setattr(multigrid_bounds, "_solve_by_cycles", lambda _, R: np.linalg.solve(A.toarray(), R))
     doubt = 0.75 * np.abs(known)
-    monkeypatch.setattr(residual_rounding, "product", lambda *_: Rounded(0.25 * known, doubt))
-    assert np.linalg.eigvalsh(np.diag(of.mass) - 4 * A.toarray())[-1] <= 0  # what `mass` is to fulfil
-    assert 0 < norm_below(of, R) <= np.sqrt(R @ v)
+    monkeypatch.setattr(residual_rounding, "product_with_rounding", lambda *_: Rounded(0.25 * known, doubt))
+    # what `nodal_weights` are to fulfil
+    assert np.linalg.eigvalsh(np.diag(of.nodal_weights) - 4 * A.toarray())[-1] <= 0
+    assert 0 < functional_norm_lower_bound(of, R) <= np.sqrt(R @ v)
 
 
 def test_a_lower_bound_is_rounded_down(monkeypatch):
     """By SLACK, of which twice as large a one halves it; rounding of A v is next to nothing here."""
     R = np.array([1.0, -2.0, 0.5])
-    of = SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1))
-    monkeypatch.setattr(multigrid_bounds, "_nearly_solved", lambda _, R: np.linalg.solve(A.toarray(), R))
-    before = norm_below(of, R)
-    monkeypatch.setattr(multigrid_bounds, "SLACK", 2 * multigrid_bounds.SLACK)
-    assert norm_below(of, R) == pytest.approx(before / 2, rel=1e-9)
+    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
+    monkeypatch.setattr(multigrid_bounds, "_solve_by_cycles", lambda _, R: np.linalg.solve(A.toarray(), R))
+    before = functional_norm_lower_bound(of, R)
+    monkeypatch.setattr(multigrid_bounds, "NORM_ROUNDING_FACTOR", 2 * multigrid_bounds.NORM_ROUNDING_FACTOR)
+    assert functional_norm_lower_bound(of, R) == pytest.approx(before / 2, rel=1e-9)
 
 
 def test_the_sum_of_the_lift_and_the_solution_is_rounded():
     """e_i = +-UNIT |u_i| has e . A e <= k sum A_ii e_i^2, k entries to a row; by all signs."""
     u = np.array([3.0, -1.0, 2.0])
-    finest = SimpleNamespace(of=SimpleNamespace(A=A))
-    problem = SimpleNamespace(held=np.ones(3), grids=SimpleNamespace(finest=finest))
-    found = MultilevelProblem._rounding(problem, u)
+    finest = SimpleNamespace(hierarchy=SimpleNamespace(A=A))
+    problem = SimpleNamespace(dirichlet_lift=np.ones(3), multigrid=SimpleNamespace(finest=finest))
+    found = MultilevelProblem._bound_lift_rounding(problem, u)
     for signs in np.ndindex(2, 2, 2):
-        e = UNIT * u * (2 * np.array(signs) - 1)
+        e = UNIT_ROUNDOFF * u * (2 * np.array(signs) - 1)
         assert np.sqrt(e @ (A @ e)) <= found
-    assert MultilevelProblem._rounding(SimpleNamespace(held=np.zeros(3)), u) == 0
+    assert MultilevelProblem._bound_lift_rounding(SimpleNamespace(dirichlet_lift=np.zeros(3)), u) == 0

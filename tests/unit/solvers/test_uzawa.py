@@ -13,21 +13,21 @@ from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import DualOperator, dual_operator
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.solvers.active_set import active_set
-from unilateral.solvers.uzawa import Columns, energy_bound, predicted_steps, residual_bound, uzawa
-from unilateral.solvers.uzawa_steps import STEPS
+from unilateral.solvers.active_set import solve_by_active_set
+from unilateral.solvers.uzawa import ContactColumns, energy_bound, predicted_steps, residual_bound, uzawa
+from unilateral.solvers.uzawa_steps import STEP_METHODS
 
 SIGMA_1 = math.tanh(1 / (2 * math.sqrt(2))) / math.sqrt(2)
 """First Steklov eigenvalue of -Delta + 1 on the unit square: cosh((x-1/2)/sqrt 2) cosh((y-1/2)/sqrt 2)."""
 
 
-@pytest.mark.parametrize("method", STEPS)
+@pytest.mark.parametrize("method", STEP_METHODS)
 @pytest.mark.parametrize("ratio", [2, 3, 4])
 @pytest.mark.parametrize("offset", OFFSETS)
 def test_every_method_ends_within_its_bound_of_the_active_set_s_multiplier(offset, ratio, method):
     of = operator(16, ratio)
     offset = OFFSETS[offset](of)
-    expected = active_set(of, offset, 1e-6)
+    expected = solve_by_active_set(of, offset, 1e-6)
     for tolerance in (1e-2, 1e-6, 1e-12):
         result = uzawa(of, offset, tolerance, method=method)
         assert result.converged
@@ -39,7 +39,8 @@ def test_every_method_ends_within_its_bound_of_the_active_set_s_multiplier(offse
 def test_so_it_does_where_beta_is_zero():
     """The energy bound gets to a tenth of a per cent only."""
     of = operator(8, 1)
-    expected, result = active_set(of, partial_contact(of), 1e-6), uzawa(of, partial_contact(of), 1e-3)
+    expected = solve_by_active_set(of, partial_contact(of), 1e-6)
+    result = uzawa(of, partial_contact(of), 1e-3)
     assert distance(of, result.lambda_H, expected.lambda_H) <= expected.bound + result.bound
 
 
@@ -65,11 +66,15 @@ def test_start_at_the_solution_takes_no_step_and_is_left_as_it_was():
 
 def test_iterates_are_the_papers():
     """Three steps of (5.1)-(5.3) with full solves on all nodes: u^n from lambda^n, clip of the cell mean."""
-    on, partition = condensed("square", 8), partitions.uniform(square(), 0.3)
-    mesh, B = on.mesh, coupling(on.mesh, partition)
+    on = condensed("square", 8)
+    partition = partitions.make_uniform_partition(square(), 0.3)
+    mesh = on.mesh
+    B = coupling(on.mesh, partition)
     of = dual_operator(on, B, partition.lengths)
     rng = np.random.default_rng(5)
-    f, g, rho = rng.standard_normal(len(mesh.points)), rng.standard_normal(len(of.H_i)), 0.4
+    f = rng.standard_normal(len(mesh.points))
+    g = rng.standard_normal(len(of.H_i))
+    rho = 0.4
     offset = B @ on.solve(f)[mesh.boundary] / of.H_i - g
     mu = np.zeros(len(of.H_i))
     for _ in range(3):
@@ -192,7 +197,8 @@ def test_a_lift_by_a_constant_has_the_norm_of_that(polygon, a):
     That is ||lambda_H||_{-1/2,h}. v = a is feasible, so that it is not larger.
     """
     of = operator(8, 2, polygon)
-    offset, area = np.full(len(of.H_i), -a), {"square": 1.0, "lshape": 3.0}[polygon]
+    offset = np.full(len(of.H_i), -a)
+    area = {"square": 1.0, "lshape": 3.0}[polygon]
     bound = energy_bound(of, offset, 0 * offset)
     assert bound == pytest.approx(a * np.sqrt(area), rel=1e-12)
     assert 0.5 * bound < distance(of, exact(of, offset), 0 * offset) <= bound
@@ -242,7 +248,8 @@ def test_operator_applications_count_steps_and_bounds():
 def test_a_product_reads_the_columns_in_contact_only():
     """From one set to a part of it, to another one of the same size, to none and to all."""
     S = operator(16, 2).S
-    apply, out = Columns(S), np.empty(len(S))
+    apply = ContactColumns(S)
+    out = np.empty(len(S))
     for chosen in (slice(0, 8), slice(2, 6), slice(10, 14), slice(0), slice(None)):
         y = np.zeros(len(S))
         y[chosen] = 1.0
@@ -306,9 +313,10 @@ def test_a_tiny_rho_gives_no_false_guarantee(rho):
 )
 def test_bad_input_is_refused(arguments):
     """What has to do with the method alone, only by that."""
-    of, given = operator(8, 2), {"offset": np.ones(16), "tolerance": 1e-8, **arguments}
+    of = operator(8, 2)
+    given = {"offset": np.ones(16), "tolerance": 1e-8, **arguments}
     with sentences.raises(InputError):
         uzawa(of, **given)
     if "rho" not in given:
         with sentences.raises(InputError):
-            active_set(of, **given)
+            solve_by_active_set(of, **given)

@@ -22,7 +22,8 @@ def objective(y):
 
 def iterates(step, count):
     """(count, 3) of the loop, which tells F = S y + b only."""
-    y, found = START.copy(), []
+    y = START.copy()
+    found = []
     for _ in range(count):
         F = S @ y + B
         step(y, F, np.minimum(y, F))
@@ -33,11 +34,13 @@ def iterates(step, count):
 def momentum(restarts, rho):
     """O'Donoghue and Candes (2015): t from 1, and again where the step turns against the gradient at z."""
     x = old = START
-    t, k = 1.0, 0
+    t = 1.0
+    k = 0
     while True:
         t_next = (1 + math.sqrt(1 + 4 * t**2)) / 2
         z = x + (t - 1) / t_next * (x - old)
-        old, x = x, np.maximum(0, z - rho * (S @ z + B))
+        old = x
+        x = np.maximum(0, z - rho * (S @ z + B))
         t = t_next
         if (z - x) @ (x - old) > 0:
             t = 1.0
@@ -57,9 +60,14 @@ def test_momentum_with_restarts_as_published():
 
 def dai_fletcher(cuts, rho):
     """Section 4 of Dai and Fletcher (2005) with L = 10 and values of the objective themselves."""
-    x, best = START, objective(START)
-    candidate, reference, waited, k = best, math.inf, 0, 0
-    step, y = rho, np.maximum(0, START - rho * (S @ START + B))
+    x = START
+    best = objective(START)
+    candidate = best
+    reference = math.inf
+    waited = 0
+    k = 0
+    step = rho
+    y = np.maximum(0, START - rho * (S @ START + B))
     while True:
         yield y
         s = y - x
@@ -69,12 +77,19 @@ def dai_fletcher(cuts, rho):
             y = x - (s @ (S @ x + B)) / (s @ S @ s) * s
         value = objective(y)
         if value < best:
-            best, candidate, waited = value, value, 0
+            best = value
+            candidate = value
+            waited = 0
         else:
-            candidate, waited = max(candidate, value), waited + 1
+            candidate = max(candidate, value)
+            waited = waited + 1
             if waited == 10:
-                reference, candidate, waited = candidate, value, 0
-        x, y, k = y, np.maximum(0, y - step * (S @ y + B)), k + 1
+                reference = candidate
+                candidate = value
+                waited = 0
+        x = y
+        y = np.maximum(0, y - step * (S @ y + B))
+        k = k + 1
 
 
 def test_barzilai_and_borwein_s_steps_with_the_published_safeguard():
@@ -90,11 +105,11 @@ def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():
     """By hand; values are relative to the best one, and so is the reference when that changes."""
     step = BarzilaiBorwein(S, B, 0.9, START)
     for value in (5.0, 7.0, -2.0, 4.0, 9.0, 3.0, 2.0, 1.0, 2.0, 3.0, 4.0, 5.0):
-        step._remember(value)
+        step._update_reference(value)
         assert step.reference == math.inf
-    step._remember(6.0)
+    step._update_reference(6.0)
     assert step.reference == 9
-    step._remember(-2.0)
+    step._update_reference(-2.0)
     assert step.reference == 11
 
 
@@ -107,7 +122,9 @@ def test_a_newton_step_by_hand(start, expected):
 
     There S y = -b, (0.91, -0.8)/0.19 on both, and 0 elsewhere, and in the place of what is negative.
     """
-    matrix, b, y = np.array([[1, 0.9], [0.9, 1]]), np.array([-1.0, -0.1]), np.array(start)
+    matrix = np.array([[1, 0.9], [0.9, 1]])
+    b = np.array([-1.0, -0.1])
+    y = np.array(start)
     rho = 1e-3
     F = np.where(y > 0, matrix @ y + b, 1.0)
     Newton(matrix, b, rho, y)(y, F, np.minimum(y, rho * F))

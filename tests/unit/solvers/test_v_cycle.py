@@ -9,11 +9,11 @@ import pytest
 from nested import Nested, alone, at_random, graded, prolongation, refined
 from scipy.linalg import eigh
 
-from unilateral.fem.hierarchy import FinerSpace, hierarchy
+from unilateral.fem.hierarchy import FinerSpace, build_hierarchy
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
-from unilateral.solvers.v_cycle import CUT_AWAY, Truncated
+from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.solvers.v_cycle import MIN_ENERGY_SHARE, TruncatedCycle
 
 MESHES = ["uniform", "at random", "at a corner"]
 CASES = ["nothing", "a strip", "islands", "the boundary"]
@@ -22,9 +22,9 @@ ALL = [(mesh, case) for mesh in MESHES for case in CASES]
 
 @cache
 def nested(mesh: str) -> Nested:
-    first = alone(structured(named("lshape"), 1))
+    first = alone(make_structured_mesh(find_polygon("lshape"), 1))
     if mesh == "at random":
-        return at_random(meshes.unstructured(named("lshape"), 0.7), 4, 2, 0.4)
+        return at_random(meshes.make_unstructured_mesh(find_polygon("lshape"), 0.7), 4, 2, 0.4)
     return refined(first, 3) if mesh == "uniform" else graded(first, 2, 9)
 
 
@@ -37,7 +37,8 @@ def fixed(mesh: str, case: str) -> np.ndarray:
 def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
     """(T P)^T A (T P) and so on, from the finest level down."""
     of = nested(mesh).of
-    S, found = of.A.toarray(), []
+    S = of.A.toarray()
+    found = []
     S[fixed(mesh, case)] = 0
     S[:, fixed(mesh, case)] = 0
     for level in of.levels[::-1]:
@@ -50,13 +51,15 @@ def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
 def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
     """Those of its rows, and of their columns."""
     every = np.arange(level.n)
-    return (every, every) if level.columns is None else (level.smoothed, level.columns)
+    return (every, every) if level.columns is None else (level.smoothed_nodes, level.columns)
 
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> None:
-    of, cycle = nested(mesh).of, Truncated(nested(mesh).of, fixed(mesh, case))
-    cut_away, products = 0, truncated_products(mesh, case)
+    of = nested(mesh).of
+    cycle = TruncatedCycle(nested(mesh).of, fixed(mesh, case))
+    cut_away = 0
+    products = truncated_products(mesh, case)
     for S, found, level in zip(products, cycle.matrices[::-1], of.levels[-2::-1], strict=False):
         rows, columns = nodes_of(level)
         before = level.rows.diagonal() if level.columns is None else level.rows[:, : len(rows)].diagonal()
@@ -74,17 +77,20 @@ def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> 
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_the_coarsest_one_is_solved_with(mesh: str, case: str) -> None:
-    S, of = truncated_products(mesh, case)[-1], nested(mesh).of
+    S = truncated_products(mesh, case)[-1]
+    of = nested(mesh).of
     S = S + np.diag(np.where(np.diag(S) < 1e-10 * of.A_0.diagonal(), of.A_0.diagonal(), 0))
     b = np.random.default_rng(1).standard_normal(len(S))
-    assert np.allclose(S @ Truncated(of, fixed(mesh, case)).coarsest.solve(b), b, rtol=0, atol=1e-10)
+    assert np.allclose(
+        S @ TruncatedCycle(of, fixed(mesh, case)).coarse_factors.solve(b), b, rtol=0, atol=1e-10
+    )
 
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
     of = nested(mesh).of
     before = [level.rows.data.copy() for level in of.levels[:-1]]
-    Truncated(of, fixed(mesh, "the boundary"))
+    TruncatedCycle(of, fixed(mesh, "the boundary"))
     assert all(
         np.array_equal(level.rows.data, data) for level, data in zip(of.levels[:-1], before, strict=True)
     )
@@ -93,7 +99,8 @@ def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
 def correction(mesh: str, case: str) -> np.ndarray:
     """T P C P^T T (n, n)."""
     of = nested(mesh).of
-    cycle, columns = Truncated(of, fixed(mesh, case)), []
+    cycle = TruncatedCycle(of, fixed(mesh, case))
+    columns = []
     for r in np.eye(of.n):
         z = np.zeros(of.n)
         cycle.correct(of.A, z, r)
@@ -103,7 +110,8 @@ def correction(mesh: str, case: str) -> np.ndarray:
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> None:
-    C, A = correction(mesh, case), nested(mesh).of.A.toarray()
+    C = correction(mesh, case)
+    A = nested(mesh).of.A.toarray()
     assert np.abs(C - C.T).max() < 1e-12
     assert np.abs(C[fixed(mesh, case)]).max(initial=0) == 0
     # Of C A, in exact arithmetic between 0 and 1; the others belong to what coarse functions do not reach.
@@ -116,7 +124,9 @@ def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> N
 def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
     """Without truncation, of functions of the level before nothing is lost but what smoothing leaves."""
     of = nested(mesh).of
-    C, A, P = correction(mesh, "nothing"), of.A.toarray(), prolongation(of.levels[-1]).toarray()
+    C = correction(mesh, "nothing")
+    A = of.A.toarray()
+    P = prolongation(of.levels[-1]).toarray()
     inner = P.T @ A @ P
     values = eigh(P.T @ A @ C @ A @ P, inner, eigvals_only=True)
     assert values[0] > 0.2
@@ -126,10 +136,12 @@ def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
 @pytest.mark.parametrize("mesh", MESHES)
 def test_a_correction_starts_from_z(mesh: str) -> None:
     of = nested(mesh).of
-    cycle, A = Truncated(of, fixed(mesh, "islands")), of.A
+    cycle = TruncatedCycle(of, fixed(mesh, "islands"))
+    A = of.A
     rng = np.random.default_rng(1)
     z, r = rng.standard_normal((2, of.n))
-    expected, found = np.zeros_like(z), z.copy()
+    expected = np.zeros_like(z)
+    found = z.copy()
     cycle.correct(A, expected, r - A @ z)
     cycle.correct(A, found, r)
     assert np.allclose(found, z + expected)
@@ -141,10 +153,14 @@ def test_hats_that_are_one_after_they_were_cut_are_no_obstacle() -> None:
     the hat in the middle. What they make of it is exact up to CUT_AWAY.
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    of = hierarchy(meshes.refine(meshes.from_arrays(named("square"), corners, [[0, 1, 2], [0, 2, 3]])))
-    cycle, middle = Truncated(of, np.sort(of.boundary)), np.setdiff1d(np.arange(of.n), of.boundary)
-    z, u = np.zeros(of.n), np.zeros(of.n)
+    of = build_hierarchy(
+        meshes.refine_uniformly(meshes.from_arrays(find_polygon("square"), corners, [[0, 1, 2], [0, 2, 3]]))
+    )
+    cycle = TruncatedCycle(of, np.sort(of.boundary))
+    middle = np.setdiff1d(np.arange(of.n), of.boundary)
+    z = np.zeros(of.n)
+    u = np.zeros(of.n)
     u[middle] = 1
     cycle.correct(of.A, z, of.A @ u)
     assert len(middle) == 1
-    assert np.allclose(z, u, rtol=0, atol=10 * CUT_AWAY)
+    assert np.allclose(z, u, rtol=0, atol=10 * MIN_ENERGY_SHARE)

@@ -19,7 +19,7 @@ def read(tmp_path):
     def reading(text):
         file = tmp_path / "own.yaml"
         file.write_text(text)
-        return declarations.read(file, "own.yaml")
+        return declarations.read_declaration(file, "own.yaml")
 
     return reading
 
@@ -130,7 +130,7 @@ def test_a_field_s_names_are_compared_in_linear_time(read):
     assert count <= 4000 * math.log2(4000)
 
 
-@pytest.mark.parametrize("load", [case.declared, problem_file.is_declared_in])
+@pytest.mark.parametrize("load", [case.read_case_declaration, problem_file.is_problem_file])
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -158,19 +158,20 @@ def test_what_is_no_yaml_file_is_said(tmp_path, monkeypatch, load, name, message
 def test_a_case_has_precedence_over_a_folder_and_no_path_leads_out_of_the_catalogue(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("natural").mkdir()
-    assert case.declared("natural")[1] == "natural"
-    assert not problem_file.is_declared_in("natural")
+    assert case.read_case_declaration("natural")[1] == "natural"
+    assert not problem_file.is_problem_file("natural")
     for name in ("", "../examples/shelter", "../manufactured/natural"):
         with sentences.raises(InputError, name):
-            case.declared(name)
+            case.read_case_declaration(name)
 
 
 def test_a_schema_is_parsed_once(tmp_path, monkeypatch):
     """The second declaration is refused as it would be at first."""
-    schema, parsed = tmp_path / "schema.yaml", []
+    schema = tmp_path / "schema.yaml"
+    parsed = []
     schema.write_text("{ type: object, properties: { a: { type: integer } } }")
-    parse = declarations.own
-    monkeypatch.setattr(declarations, "own", lambda file: parsed.append(file) or parse(file))
+    parse = declarations.read_stored_yaml
+    monkeypatch.setattr(declarations, "read_stored_yaml", lambda file: parsed.append(file) or parse(file))
     assert declarations.validate({"a": 1}, schema, "one") == {"a": 1}
     with sentences.raises(InputError):
         declarations.validate({"a": "b"}, schema, "other")

@@ -18,17 +18,17 @@ import xarray as xr
 
 from study import tables
 from study.documents import marks
-from study.style import figure_in
+from study.style import open_figure
 from unilateral.errors import InputError, StorageError
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.system import signals
 from unilateral.system.files import replacing, write_netcdf
 
 
 def figure(path):
-    with figure_in(path, 5):
+    with open_figure(path, 5):
         pass
 
 
@@ -38,12 +38,12 @@ UNFILLED = "<!-- a: begin -->\n<!-- a: end -->\n"
 def document(path):
     if not path.exists():
         path.write_text(UNFILLED)
-    marks.fill(path, {}, {"a": "1"}, {})
+    marks.fill_document(path, {}, {"a": "1"}, {})
 
 
 WRITERS = {
-    "mesh.vtu": lambda path: write_mesh(structured(square(), 1), path),
-    "errors.nc": lambda path: tables.save(xr.Dataset({"x": [1.0]}), path, "scene"),
+    "mesh.vtu": lambda path: write_mesh(make_structured_mesh(square(), 1), path),
+    "errors.nc": lambda path: tables.save_table(xr.Dataset({"x": [1.0]}), path, "scene"),
     "rates.csv": lambda path: tables.save_csv(pd.DataFrame({"x": [1.0]}), path),
     "rates.svg": figure,
     "paper.md": document,
@@ -193,7 +193,8 @@ def test_handlers_that_a_library_written_in_c_resets_are_set_again(kept):
     try:
         with signals.keeping_handlers() if kept else nullcontext():
             reset = ctypes.CDLL(None).signal
-            reset.argtypes, reset.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+            reset.argtypes = (ctypes.c_int, ctypes.c_void_p)
+            reset.restype = ctypes.c_void_p
             reset(sent, None)  # SIG_DFL
             assert sent not in caught()
         assert (sent in caught()) == kept
@@ -248,7 +249,8 @@ def test_a_write_protected_file_is_kept(tmp_path, name):
 def test_a_link_stays_and_the_file_behind_it_is_replaced(tmp_path, name):
     """As a shell's redirection does; the file behind it may have another ending, and may not be there yet."""
     (tmp_path / "elsewhere").mkdir()
-    behind, link = tmp_path / "elsewhere" / "data", tmp_path / name
+    behind = tmp_path / "elsewhere" / "data"
+    link = tmp_path / name
     link.symlink_to(behind)
     WRITERS[name](link)
     first = behind.read_bytes()

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from unilateral.system.limit import OutOfTime, limited
+from unilateral.system.limit import OutOfTime, run_with_limit
 
 
 def endless(started):
@@ -23,19 +23,20 @@ def gone(threads):
 
 
 def test_what_a_function_returns_or_raises_is_handed_on():
-    assert limited(lambda: 3, 10) == 3
-    assert limited(lambda: None, 10) is None
+    assert run_with_limit(lambda: 3, 10) == 3
+    assert run_with_limit(lambda: None, 10) is None
     with pytest.raises(SystemExit, match="7"):
-        limited(lambda: exit(7), 10)
+        run_with_limit(lambda: exit(7), 10)
 
 
 @pytest.mark.parametrize("in_a_thread", [False, True])
 def test_what_does_not_end_is_ended(in_a_thread):
-    started, seen = [], []
+    started = []
+    seen = []
 
     def wait():
         try:
-            limited(lambda: endless(started), 0.05)
+            run_with_limit(lambda: endless(started), 0.05)
         except OutOfTime:
             seen.append("given up")
 
@@ -53,5 +54,5 @@ def test_an_interrupt_is_heard_meanwhile():
     started = []
     threading.Timer(0.1, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
-        limited(lambda: endless(started), 60)
+        run_with_limit(lambda: endless(started), 60)
     assert gone(started)

@@ -46,7 +46,7 @@ def test_freed_memory_is_kept_where_the_c_library_can_and_else_nothing_happens(m
     monkeypatch.setattr(
         memory.ctypes, "CDLL", lambda _: SimpleNamespace(mallopt=lambda *of: calls.append(of))
     )
-    memory.keep_freed()
+    memory.keep_freed_memory()
     assert [option for option, _ in calls] == [memory.MMAP_THRESHOLD, memory.TRIM_THRESHOLD]
     monkeypatch.setattr(memory.ctypes, "CDLL", lambda _: SimpleNamespace())
-    memory.keep_freed()
+    memory.keep_freed_memory()

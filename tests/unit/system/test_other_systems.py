@@ -17,8 +17,8 @@ from conftest import ROOT
 from nested import assembled
 
 from unilateral.fem import linear_systems
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.system import memory
 
 WITHOUT = """\
@@ -94,7 +94,8 @@ def test_files_are_the_same_where_the_locale_has_ascii_only(tmp_path, monkeypatc
     write other files than .csv do so.
     """
     strict = ("-X", "warn_default_encoding", "-W", "error::EncodingWarning", "-c", WRITES)
-    written, ascii_only = [], {"PYTHONUTF8": "0", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"}
+    written = []
+    ascii_only = {"PYTHONUTF8": "0", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"}
     for name, environment in (("utf-8", {}), ("ascii", ascii_only)):
         folder = tmp_path / name
         folder.mkdir()
@@ -118,12 +119,13 @@ def test_memory_is_that_of_windows_where_there_is_no_getrusage(monkeypatch):
 def test_the_boundary_is_eliminated_last_without_metis(monkeypatch):
     """The Schur complement in the factors is the one by dense algebra."""
     monkeypatch.setattr(linear_systems, "pymetis", None)
-    mesh = structured(named("lshape"), 1 / 8)
+    mesh = make_structured_mesh(find_polygon("lshape"), 1 / 8)
     A = sp.csr_array(assembled(mesh))
     order = linear_systems.elimination_order(A, mesh.boundary)
     assert sorted(order) == list(range(mesh.n_nodes))
-    R = linear_systems.last_block(linear_systems.factorise(A, order), len(mesh.boundary))
-    inner, dense = np.delete(np.arange(mesh.n_nodes), mesh.boundary), A.toarray()
+    R = linear_systems.schur_factor(linear_systems.factorise(A, order), len(mesh.boundary))
+    inner = np.delete(np.arange(mesh.n_nodes), mesh.boundary)
+    dense = A.toarray()
     across = dense[np.ix_(inner, mesh.boundary)]
     of_boundary = dense[np.ix_(mesh.boundary, mesh.boundary)]
     schur = of_boundary - across.T @ np.linalg.solve(dense[np.ix_(inner, inner)], across)

@@ -10,11 +10,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from study.formats import shown
-from study.scenes import is_clamped
+from study.formats import format_value
+from study.scenes import has_clamped_sides
 from unilateral.norms.resolution import RULE
 
-NONE = "–"
+NO_RATE = "–"
 COLUMNS = {
     "unknowns": ("unknowns", "space"),
     "multipliers": ("multipliers", ".0f"),
@@ -29,45 +29,51 @@ COLUMNS = {
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"adapted": beta(apart(results["adaptive/infsup"])[0], RULE.smallest_angle)}
-
-
-def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    measured, clamped = apart(results["adaptive/errors"].merge(results["adaptive/rates"]))
+    """The least beta and angle on adapted meshes, as documents name them."""
     return {
-        "adapted": finest(measured),
-        "adapted-savings": savings(measured),
-        "adapted-clamped": finest(clamped),
+        "adapted": summarise_adapted_beta(
+            split_by_clamping(results["adaptive/infsup"])[0], RULE.smallest_angle
+        )
     }
 
 
-def apart(table: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """The tables of adapted meshes: finest levels, savings, and problems with clamped sides."""
+    measured, clamped = split_by_clamping(results["adaptive/errors"].merge(results["adaptive/rates"]))
+    return {
+        "adapted": tabulate_finest_levels(measured),
+        "adapted-savings": tabulate_savings(measured),
+        "adapted-clamped": tabulate_finest_levels(clamped),
+    }
+
+
+def split_by_clamping(table: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """The problems without clamped sides, and those with some."""
-    clamped = np.array([is_clamped(name) for name in table["case"].values])
+    clamped = np.array([has_clamped_sides(name) for name in table["case"].values])
     return table.isel(case=~clamped), table.isel(case=clamped)
 
 
-def finest(of: xr.Dataset) -> pd.DataFrame:
+def tabulate_finest_levels(table: xr.Dataset) -> pd.DataFrame:
     """The finest level of each kind of mesh, by problem, and the rates on the finest pair."""
     rows = []
-    for case in of["case"].values:
-        for kind in of["kind"].values:
-            levels = of.sel(case=case, kind=kind).dropna("level", subset=["unknowns"])
+    for case in table["case"].values:
+        for kind in table["kind"].values:
+            levels = table.sel(case=case, kind=kind).dropna("level", subset=["unknowns"])
             row = {"problem": f"`{case}`", "meshes": str(kind)}
             for title, (name, spec) in COLUMNS.items():
-                last = _last(levels[name])
-                row[title] = shown(last, spec) if np.isfinite(last) else NONE
+                last = _last_value(levels[name])
+                row[title] = format_value(last, spec) if np.isfinite(last) else NO_RATE
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _last(values: xr.DataArray) -> float:
+def _last_value(values: xr.DataArray) -> float:
     """The last value that is known, or NaN."""
-    known = values.dropna("level").values
-    return float(known[-1]) if len(known) else np.nan
+    finite = values.dropna("level").values
+    return float(finite[-1]) if len(finite) else np.nan
 
 
-def savings(errors: xr.Dataset) -> pd.DataFrame:
+def tabulate_savings(errors: xr.Dataset) -> pd.DataFrame:
     """How many unknowns adapted meshes save for the bound of the finest uniform mesh, by problem.
 
     These are the unknowns of the first mesh of each kind with that bound, and the quotients, uniform over
@@ -75,28 +81,29 @@ def savings(errors: xr.Dataset) -> pd.DataFrame:
     """
     rows = []
     for case in errors["case"].values:
-        of = errors.sel(case=case)
-        target = _last(of["h1_bound"].sel(kind="uniform"))
-        uniform, adapted = (_until(of.sel(kind=kind), target) for kind in ("uniform", "adapted"))
+        case_levels = errors.sel(case=case)
+        target = _last_value(case_levels["h1_bound"].sel(kind="uniform"))
+        uniform = _unknowns_to_bound(case_levels.sel(kind="uniform"), target)
+        adapted = _unknowns_to_bound(case_levels.sel(kind="adapted"), target)
         rows.append(
             {
                 "problem": f"`{case}`",
-                "bound": shown(target, "up.short"),
-                "uniform": shown(uniform[-1], "space"),
-                "adapted": shown(adapted[-1], "space"),
-                "fewer": shown(uniform[-1] / adapted[-1], ".1f"),
-                "of all levels": shown(uniform.sum() / adapted.sum(), ".1f"),
+                "bound": format_value(target, "up.short"),
+                "uniform": format_value(uniform[-1], "space"),
+                "adapted": format_value(adapted[-1], "space"),
+                "fewer": format_value(uniform[-1] / adapted[-1], ".1f"),
+                "of all levels": format_value(uniform.sum() / adapted.sum(), ".1f"),
             }
         )
     return pd.DataFrame(rows)
 
 
-def _until(of: xr.Dataset, target: float) -> NDArray[np.float64]:
+def _unknowns_to_bound(levels: xr.Dataset, target: float) -> NDArray[np.float64]:
     """The unknowns of the levels up to the first with that bound."""
-    return np.asarray(of["unknowns"].values[: np.argmax(of["h1_bound"].values <= target) + 1])
+    return np.asarray(levels["unknowns"].values[: np.argmax(levels["h1_bound"].values <= target) + 1])
 
 
-def beta(infsup: xr.Dataset, smallest_angle: float) -> dict[str, float]:
+def summarise_adapted_beta(infsup: xr.Dataset, smallest_angle: float) -> dict[str, float]:
     """The least beta on adapted meshes with angles of at least so much, and on the others; the least angle.
 
     Besides these, the largest beta with an edge in each cell, and the least beta_0.

@@ -13,25 +13,26 @@ import numpy as np
 import xarray as xr
 
 from study import operations
-from study.uzawa_variants import AS_MEANT, VARIANTS, iterate
+from study.uzawa_variants import AS_MEANT, VARIANTS, iterate_variant
 from unilateral.arrays import Array
-from unilateral.discrete.condensed import CondensedProblem, with_solution
+from unilateral.discrete.condensed import CondensedProblem, discretise_case
 from unilateral.fem.condense import condense
-from unilateral.fem.linear_systems import Sparse, dissected
+from unilateral.fem.linear_systems import SparseFactors, factorise_by_dissection
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact_errors import Exact, cell_means
+from unilateral.norms.exact_errors import CaseProjections, cell_means
 from unilateral.norms.ritz import h1_distance, ritz_projection
 from unilateral.problems.case import ExactSolution
-from unilateral.solvers.active_set import active_set
+from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 
-DIRECTIONS, NEAR = 200, 1e-6
+N_DIRECTIONS = 200
+DIRECTION_SIZE = 1e-6
 """How many random directions are tried, and how near to u_h: there a slope of L in v, if there were one,
 outweighs its curvature."""
-BOUNDED = 1e6
+MAX_DISTANCE = 1e6
 """Distances above this number count as this number."""
 
 
@@ -39,24 +40,27 @@ class SolvedCase(NamedTuple):
     """A case's discrete problem with lambda_H (m,) from the active set."""
 
     discrete: CondensedProblem
-    exact: Exact
+    exact: CaseProjections
     lambda_H: Array
 
     @property
     def spaces(self) -> MixedSpaces:
+        """The spaces of the discrete problem."""
         return self.discrete.spaces
 
 
-def known(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> Iterator[SolvedCase]:
+def solve_cases(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> Iterator[SolvedCase]:
     """The cases on one mesh and one partition."""
     spaces = mixed_spaces(condense(mesh), partition)
     for case in cases:
-        exact = Exact(ritz_projection(case, spaces.condensed), cell_means(case, partition))
-        discrete = with_solution(spaces, exact)
-        yield SolvedCase(discrete, exact, active_set(spaces.operator, discrete.offset, np.inf).lambda_H)
+        exact = CaseProjections(ritz_projection(case, spaces.condensed), cell_means(case, partition))
+        discrete = discretise_case(spaces, exact)
+        yield SolvedCase(
+            discrete, exact, solve_by_active_set(spaces.operator, discrete.offset, np.inf).lambda_H
+        )
 
 
-def algorithm(
+def measure_algorithm(
     mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution], shares: Sequence[float], steps: int
 ) -> xr.Dataset:
     """Distances from lambda_H after so many steps from 0, by step rho (a share of 2/lambda_max(S)).
@@ -67,81 +71,106 @@ def algorithm(
     same with lambda_H + 1, and for the Lagrangian of section 5.
     """
     rng = np.random.default_rng(0)
-    distances, of_cases = [], []
-    for of in known(mesh, partition, cases):
-        distances.append([[_distance(of, share, steps, variant) for share in shares] for variant in VARIANTS])
-        of_cases.append(
-            _saddle(of, of.lambda_H, rng, "")
-            | _saddle(of, of.lambda_H + 1, rng, "_elsewhere")
+    distances = []
+    rows = []
+    for solved in solve_cases(mesh, partition, cases):
+        distances.append(
+            [
+                [_distance_after_steps(solved, share, steps, variant) for share in shares]
+                for variant in VARIANTS
+            ]
+        )
+        rows.append(
+            _measure_saddle(solved, solved.lambda_H, rng, "")
+            | _measure_saddle(solved, solved.lambda_H + 1, rng, "_elsewhere")
             | {
-                "multiplier_factor": _factor(of, 0.5),
-                "multiplier_factor_elsewhere": _factor(of, 1.0),
-                "off_cells": _off_cells(of),
+                "multiplier_factor": _multiplier_factor(solved, 0.5),
+                "multiplier_factor_elsewhere": _multiplier_factor(solved, 1.0),
+                "off_cells": _cellwise_variation(solved),
             }
         )
     table: dict[str, Any] = {"distance": (("case", "variant", "rho_share"), np.array(distances))}
-    table |= {name: ("case", [each[name] for each in of_cases]) for name in of_cases[0]}
+    table |= {name: ("case", [row[name] for row in rows]) for name in rows[0]}
     coords = {"case": [case.name for case in cases], "variant": list(VARIANTS), "rho_share": list(shares)}
     return xr.Dataset(table, coords).assign(steps=((), steps))
 
 
-def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
-    operator, H_i = of.spaces.operator, of.spaces.partition.lengths
-    last = iterate(operator, of.discrete.offset, share * 2 / operator.lambda_max, steps, variant)
-    difference = np.where(np.isfinite(last), np.clip(last - of.lambda_H, -1e100, 1e100), 1e100)
-    return min(float(np.sqrt(H_i @ difference**2 / (H_i @ of.lambda_H**2))), BOUNDED)
+def _distance_after_steps(solved_case: SolvedCase, share: float, steps: int, variant: str) -> float:
+    operator = solved_case.spaces.operator
+    H_i = solved_case.spaces.partition.lengths
+    last = iterate_variant(
+        operator, solved_case.discrete.offset, share * 2 / operator.lambda_max, steps, variant
+    )
+    difference = np.where(np.isfinite(last), np.clip(last - solved_case.lambda_H, -1e100, 1e100), 1e100)
+    return min(float(np.sqrt(H_i @ difference**2 / (H_i @ solved_case.lambda_H**2))), MAX_DISTANCE)
 
 
-def _factor(of: SolvedCase, share: float) -> float:
+def _multiplier_factor(solved_case: SolvedCase, share: float) -> float:
     """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
-    spaces, H_i = of.spaces, of.spaces.partition.lengths
-    scaled = replace(spaces.operator, half=spaces.operator.half * np.sqrt(share))
-    other = active_set(scaled, of.discrete.offset, np.inf).lambda_H
-    return float(np.sqrt(H_i @ other**2 / (H_i @ of.lambda_H**2)))
+    spaces = solved_case.spaces
+    H_i = solved_case.spaces.partition.lengths
+    # The stationary multiplier minimises share mu.D mu / 2 + offset.(H_i mu) over mu >= 0
+    scaled = replace(spaces.operator, D_factor=spaces.operator.D_factor * np.sqrt(share))
+    stationary = solve_by_active_set(scaled, solved_case.discrete.offset, np.inf).lambda_H
+    return float(np.sqrt(H_i @ stationary**2 / (H_i @ solved_case.lambda_H**2)))
 
 
-def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix: str) -> dict[str, float]:
+def _measure_saddle(
+    solved_case: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix: str
+) -> dict[str, float]:
     """The smallest L(v, lambda_H) - L(u_h, lambda_H), L(u_h, lambda_H) - L(u_h, mu) and excess of (4.4).
 
     They are relative to |L(u_h, lambda_H)|, for random v and mu >= 0, where u_h belongs to the multiplier
     lambda_H, and L(v, mu) = ||v||_1^2 / 2 - (f, v) - <mu, v - g>. The excess is
     A(U_h, V - U_h) - F(V - U_h), V = (v, mu).
     """
-    spaces, load, g_means = of.spaces, of.discrete.load, of.exact.means.g_means
-    H_i, boundary, A = spaces.partition.lengths, spaces.mesh.boundary, spaces.condensed.A
+    spaces = solved_case.spaces
+    load = solved_case.discrete.load
+    g_means = solved_case.exact.cell_means.g_means
+    H_i = spaces.partition.lengths
+    boundary = spaces.mesh.boundary
+    A = spaces.condensed.A
     u_h = spaces.response(load, multiplier)
+    # (u_h, phi_i)_1 - (f, phi_i) - <lambda_H, phi_i>, which is 0 up to rounding
     weak = A @ u_h - load
     weak[boundary] -= spaces.B.T @ multiplier
 
     def L(v: Array, mu: Array) -> float:
+        """The Lagrangian ||v||_1^2 / 2 - (f, v) - <mu, v - g>."""
         return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
 
-    at, size = L(u_h, multiplier), np.abs(u_h).max()
+    saddle = L(u_h, multiplier)
+    size = np.abs(u_h).max()
     gap = spaces.B @ u_h[boundary] - H_i * g_means
     differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
-    for _ in range(DIRECTIONS):
-        w, mu = NEAR * size * rng.standard_normal(len(u_h)), multiplier.max() * rng.random(len(multiplier))
-        differences["saddle_in_v"].append(L(u_h + w, multiplier) - at)
-        differences["saddle_in_mu"].append(at - L(u_h, mu))
+    for _ in range(N_DIRECTIONS):
+        w = DIRECTION_SIZE * size * rng.standard_normal(len(u_h))
+        mu = multiplier.max() * rng.random(len(multiplier))
+        differences["saddle_in_v"].append(L(u_h + w, multiplier) - saddle)
+        differences["saddle_in_mu"].append(saddle - L(u_h, mu))
+        # (4.4): A(U_h, V - U_h) - F(V - U_h) = (weak, w) + <mu - lambda_H, u_h - g>
         differences["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
-    return {f"{name}{suffix}": min(values) / abs(at) for name, values in differences.items()}
+    return {f"{name}{suffix}": min(values) / abs(saddle) for name, values in differences.items()}
 
 
-def _off_cells(of: SolvedCase) -> float:
+def _cellwise_variation(solved_case: SolvedCase) -> float:
     """The part of u_h - g, in L2, that is not constant on the cells; relative."""
-    mesh, partition, case = of.spaces.mesh, of.spaces.partition, of.exact.ritz.case
-    trace = of.spaces.response(of.discrete.load, of.lambda_H)[mesh.boundary]
-    rule = boundary_rule(mesh.polygon, np.union1d(mesh.s, partition.points), case.singular())
-    u, _, gap = case.boundary(rule.side, rule.s, rule.near)
+    mesh = solved_case.spaces.mesh
+    partition = solved_case.spaces.partition
+    case = solved_case.exact.ritz.case
+    trace = solved_case.spaces.response(solved_case.discrete.load, solved_case.lambda_H)[mesh.boundary]
+    rule = boundary_rule(mesh.polygon, np.union1d(mesh.s, partition.points), case.singular_points())
+    u, _, gap = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     s = mesh.polygon.starts[rule.side] + rule.s
     values = np.interp(s, mesh.s, np.append(trace, trace[0])) - (u - gap)
     cell = np.clip(np.searchsorted(partition.points, s, side="right") - 1, 0, partition.n_cells - 1)
     means = np.bincount(cell, rule.weight * values, partition.n_cells) / partition.lengths
-    rest, whole = rule.weight @ (values - means[cell]) ** 2, rule.weight @ values**2
-    return float(np.sqrt(rest / whole))
+    variation = rule.weight @ (values - means[cell]) ** 2
+    square = rule.weight @ values**2
+    return float(np.sqrt(variation / square))
 
 
-def certificates(
+def measure_certificates(
     mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution], recorded: Sequence[int]
 ) -> xr.Dataset:
     """Both bounds on the algebraic error over that error, and the error itself, after steps `recorded`.
@@ -149,66 +178,75 @@ def certificates(
     The table is over (case, step), for rho = 0.9/lambda_max(S). The error is ||u(mu) - u_h||_1, relative in
     `u_distance`. `first_term_index` is for the first of the two terms of `residual_bound`, which is no bound.
     """
-    rows = [[_bounds(of, steps) for steps in recorded] for of in known(mesh, partition, cases)]
-    table = {name: (("case", "step"), [[each[name] for each in row] for row in rows]) for name in rows[0][0]}
+    rows = [
+        [_measure_bounds(solved, steps) for steps in recorded]
+        for solved in solve_cases(mesh, partition, cases)
+    ]
+    dims = ("case", "step")
+    table = {name: (dims, [[values[name] for values in row] for row in rows]) for name in rows[0][0]}
     return xr.Dataset(table, {"case": [case.name for case in cases], "step": list(recorded)})
 
 
-def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
-    operator, offset = of.spaces.operator, of.discrete.offset
+def _measure_bounds(solved_case: SolvedCase, steps: int) -> dict[str, float]:
+    operator = solved_case.spaces.operator
+    offset = solved_case.discrete.offset
     rho = 0.9 / operator.lambda_max
-    mu = iterate(operator, offset, rho, steps, AS_MEANT)
-    error = float(np.linalg.norm(operator.half @ (mu - of.lambda_H)))
-    R = np.minimum(mu, rho * operator.gap(mu, offset))
+    mu = iterate_variant(operator, offset, rho, steps, AS_MEANT)
+    error = float(np.linalg.norm(operator.D_factor @ (mu - solved_case.lambda_H)))
+    R = np.minimum(mu, rho * operator.gap(mu, offset))  # mu - max(0, mu - rho (u(mu) - g)): the last step
     return {
-        "u_distance": error / float(np.linalg.norm(operator.half @ of.lambda_H)),
+        "u_distance": error / float(np.linalg.norm(operator.D_factor @ solved_case.lambda_H)),
         "residual_index": residual_bound(operator, offset, mu, rho) / error,
-        "first_term_index": float(np.linalg.norm(operator.half @ R)) / error,
+        "first_term_index": float(np.linalg.norm(operator.D_factor @ R)) / error,
         "energy_index": energy_bound(operator, offset, mu) / error,
     }
 
 
-def split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> xr.Dataset:
+def measure_split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> xr.Dataset:
     """How far ||u-u_h||_1^2 by quadrature is from ||u-z_h||_1^2 + ||lambda-lambda_H||_{-1/2,h}^2, relative.
 
     The table is over the cases. `..._elsewhere` is the same with H ||lambda-lambda_H||_0^2 as second term.
     """
     defects = []
-    for of in known(mesh, partition, cases):
-        ritz, lambda_H = of.exact.ritz, of.lambda_H
-        left = h1_distance(ritz.case, mesh, of.spaces.response(of.discrete.load, lambda_H)) ** 2
-        seconds = (
-            ritz.discrete_dual(of.exact.boundary_load(of.spaces, lambda_H)) ** 2,
-            partition.H * of.exact.means.l2_error(lambda_H) ** 2,
+    for solved in solve_cases(mesh, partition, cases):
+        ritz = solved.exact.ritz
+        lambda_H = solved.lambda_H
+        # ||u - u_h||_1^2 against ||u - z_h||_1^2 + the second term, the true and the spoilt one
+        square = h1_distance(ritz.case, mesh, solved.spaces.response(solved.discrete.load, lambda_H)) ** 2
+        second_terms = (
+            ritz.discrete_dual_norm(solved.exact.boundary_load(solved.spaces, lambda_H)) ** 2,
+            partition.H * solved.exact.cell_means.l2_error(lambda_H) ** 2,
         )
-        defects.append([abs(ritz.ritz_error**2 + second - left) / left for second in seconds])
+        defects.append(
+            [abs(ritz.ritz_error**2 + second_term - square) / square for second_term in second_terms]
+        )
     table = dict(zip(("split_defect", "split_defect_elsewhere"), np.transpose(defects), strict=True))
     coords = {"case": [case.name for case in cases]}
     return xr.Dataset({name: ("case", column) for name, column in table.items()}, coords)
 
 
-def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
+def measure_uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
     """A problem with two multipliers at H = h: lambda_H = 1 and 1 + kernel / 2, the kernel (-1)^e/|e|.
 
     g is chosen so that there is contact everywhere. `violation` is the largest |mean(u_h - g)| of the second;
     `same_u` how far its u_h is from that of the first, in ||.||_1 relative to it.
     """
     spaces = mixed_spaces(condense(mesh), partition)
-    one = np.ones(partition.n_cells)
-    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths
-    other = one + 0.5 * kernel / np.abs(kernel).max()
-    gap = spaces.operator.gap(other, -spaces.operator.gap(one, np.zeros(partition.n_cells)))
-    norm = np.linalg.norm(spaces.operator.half @ one)
+    lambda_H = np.ones(partition.n_cells)
+    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths  # <kernel, v> = 0 for v in V_h
+    mu = lambda_H + 0.5 * kernel / np.abs(kernel).max()
+    gap = spaces.operator.gap(mu, -spaces.operator.gap(lambda_H, np.zeros(partition.n_cells)))
+    norm = np.linalg.norm(spaces.operator.D_factor @ lambda_H)
     return xr.Dataset(
         {
             "violation": ((), float(np.abs(gap).max())),
-            "same_u": ((), float(np.linalg.norm(spaces.operator.half @ (other - one)) / norm)),
-            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (other - one) ** 2))),
+            "same_u": ((), float(np.linalg.norm(spaces.operator.D_factor @ (mu - lambda_H)) / norm)),
+            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (mu - lambda_H) ** 2))),
         }
     )
 
 
-def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: int) -> xr.Dataset:
+def measure_elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: int) -> xr.Dataset:
     """Operations to find F in one step (5.1)-(5.3), by `operations`: with A factorised, with A_3, and with S.
 
     `difference` is how far u^n on the boundary is, after some steps, by the first way from that by the second
@@ -217,32 +255,39 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
     counts = np.empty((3, len(meshes)))
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
         condensed = condense(mesh)
-        spaces, alone = mixed_spaces(condensed, partition), dissected(condensed.A)
-        m, nb, nnz = partition.n_cells, len(mesh.boundary), spaces.B.nnz
+        spaces = mixed_spaces(condensed, partition)
+        factors = factorise_by_dissection(condensed.A)
+        m = partition.n_cells
+        nb = len(mesh.boundary)
+        nnz = spaces.B.nnz
+        # One product y -> S y: by A and by A_3 as section 5 has them, and by S
         counts[:, k] = (
-            operations.apply_A(m, nb, nnz, operations.factors(alone.lu)),
-            operations.apply_A_3(m, nb, nnz),
-            operations.apply_S(m),
+            operations.count_product_by_A(m, nb, nnz, operations.count_factors(factors.lu)),
+            operations.count_product_by_A_3(m, nb, nnz),
+            operations.count_product_by_S(m),
         )
         if k == 0:
-            difference = _by_both_ways(alone, spaces, steps)
+            difference = _compare_eliminations(factors, spaces, steps)
     sizes = {"h": [mesh.h for mesh in meshes], "unknowns": [mesh.n_nodes for mesh in meshes]}
     table = {name: ("mesh", row) for name, row in zip(("with_A", "with_A_3", "with_S"), counts, strict=True)}
     coordinates = {name: ("mesh", values) for name, values in sizes.items()}
     return xr.Dataset({**table, "difference": ((), difference)}, coords=coordinates)
 
 
-def _by_both_ways(alone: Sparse, spaces: MixedSpaces, steps: int) -> float:
+def _compare_eliminations(factors: SparseFactors, spaces: MixedSpaces, steps: int) -> float:
     """The difference of u^n by both ways, with f = 0 and g = 1, where there is contact everywhere."""
-    H_i, condensed = spaces.partition.lengths, spaces.condensed
+    H_i = spaces.partition.lengths
+    condensed = spaces.condensed
     boundary = condensed.mesh.boundary
     rho = 1 / spaces.operator.lambda_max
-    full, small = np.zeros(len(H_i)), np.zeros(len(H_i))
+    lambda_A = np.zeros(len(H_i))
+    lambda_A_3 = np.zeros(len(H_i))
+    # (5.1)-(5.3) with f = 0, g = 1: lambda <- max(0, lambda - rho (means of u - 1)), A u = B^T lambda
     for _ in range(steps):
         load = np.zeros(condensed.mesh.n_nodes)
-        load[boundary] = spaces.B.T @ full
-        u, v = alone.solve(load)[boundary], condensed.solve_boundary(spaces.B.T @ small)
-        full, small = (
-            np.maximum(0, mu - rho * (spaces.B @ w / H_i - 1)) for mu, w in ((full, u), (small, v))
-        )
+        load[boundary] = spaces.B.T @ lambda_A
+        u = factors.solve(load)[boundary]
+        v = condensed.solve_boundary(spaces.B.T @ lambda_A_3)
+        lambda_A = np.maximum(0, lambda_A - rho * (spaces.B @ u / H_i - 1))
+        lambda_A_3 = np.maximum(0, lambda_A_3 - rho * (spaces.B @ v / H_i - 1))
     return float(np.abs(u - v).max() / np.abs(v).max())

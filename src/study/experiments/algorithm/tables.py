@@ -7,10 +7,10 @@ from typing import Any
 
 from study import scenes, tables
 from study.experiments.algorithm import measure
-from study.experiments.algorithm.formulation import formulation as statements
-from unilateral.formulas.formula import real
-from unilateral.geometry.partition import uniform
-from unilateral.geometry.structured import structured
+from study.experiments.algorithm.formulation import measure_formulation as statements
+from unilateral.formulas.formula import parse_real
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.structured import make_structured_mesh
 
 
 def try_algorithm(
@@ -25,22 +25,27 @@ def try_algorithm(
     formulation: str,
 ) -> None:
     """Write all of them. Those of two files differ in H: that of the configuration, and h, where beta = 0."""
-    polygon, cases = scenes.domain(study), scenes.cases(study)
-    h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
-    mesh, cells, finest = structured(polygon, h), uniform(polygon, H), uniform(polygon, h)
-    shares, recorded = [float(share) for share in study["shares"]], study["recorded_steps"]
-    sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
-    meshes = [structured(polygon, size) for size in sizes]
-    partitions = [uniform(polygon, size * H / h) for size in sizes]
-    made = {
-        steps: measure.algorithm(mesh, cells, cases, shares, study["steps"]),
-        certificates: measure.certificates(mesh, cells, cases, recorded),
-        singular: measure.certificates(mesh, finest, cases, recorded),
-        uniqueness: measure.uniqueness(mesh, finest),
-        unique: measure.uniqueness(mesh, cells),
-        elimination: measure.elimination(meshes, partitions, study["compared_steps"]),
-        split: measure.split(mesh, cells, cases),
-        formulation: statements(mesh, cells, cases),
+    polygon = scenes.scene_polygon(study)
+    cases = scenes.load_cases(study)
+    h = parse_real(study["h"], "algorithm.h")
+    H = parse_real(study["H"], "algorithm.H")
+    mesh = make_structured_mesh(polygon, h)
+    partition = make_uniform_partition(polygon, H)
+    finest_partition = make_uniform_partition(polygon, h)
+    shares = [float(share) for share in study["shares"]]
+    recorded = study["recorded_steps"]
+    sizes = [parse_real(size, "algorithm.eliminated") for size in study["eliminated"]]
+    meshes = [make_structured_mesh(polygon, size) for size in sizes]
+    partitions = [make_uniform_partition(polygon, size * H / h) for size in sizes]
+    tables_by_path = {
+        steps: measure.measure_algorithm(mesh, partition, cases, shares, study["steps"]),
+        certificates: measure.measure_certificates(mesh, partition, cases, recorded),
+        singular: measure.measure_certificates(mesh, finest_partition, cases, recorded),
+        uniqueness: measure.measure_uniqueness(mesh, finest_partition),
+        unique: measure.measure_uniqueness(mesh, partition),
+        elimination: measure.measure_elimination(meshes, partitions, study["compared_steps"]),
+        split: measure.measure_split(mesh, partition, cases),
+        formulation: statements(mesh, partition, cases),
     }
-    for path, table in made.items():
-        tables.save(table, path, "algorithm", {"algorithm": study})
+    for path, table in tables_by_path.items():
+        tables.save_table(table, path, "algorithm", {"algorithm": study})

@@ -18,41 +18,48 @@ import xarray as xr
 
 from study import scenes, tables
 from unilateral.arrays import Array
-from unilateral.discrete.condensed import solve, with_solution
+from unilateral.discrete.condensed import discretise_case, solve_condensed_problem
 from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.condense import CondensedMatrix, condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.exact_numbers import pos
-from unilateral.formulas.expression import number, total
-from unilateral.formulas.formula import fraction, real
+from unilateral.formulas.expression import rational_expression, sum_terms
+from unilateral.formulas.formula import parse_fraction, parse_real
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.partition import Partition, make_uniform_partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import structured
-from unilateral.norms.exact_errors import Exact, cell_means_of_gaps
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.exact_errors import CaseProjections, cell_means_of_gaps
 from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.atoms import T
-from unilateral.problems.cantor_atom import Cantor
+from unilateral.problems.cantor_atom import CantorAtom
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.polar_atoms import harmonic
+from unilateral.problems.polar_atoms import make_harmonic_atom
 from unilateral.solvers.stop import Stop
 
-MEASURED = ("discrete_error", "consistency", "algebraic_bound", "quadrature_share", "converged")
-INSET = Fraction(1, 4)
+CELL_VARIABLES = ("discrete_error", "consistency", "algebraic_bound", "quadrature_share", "converged")
+ALTERNATING_START = Fraction(1, 4)
 """Alternating contact lies on side 0 between this share of it and one minus this share."""
 
 
 def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, alternating: str) -> None:
     """Write the errors at a Cantor set, and those with a transition in each cell."""
-    domain, chosen = scenes.domain(study), Stop(**stop, algorithm=study["algorithm"])
-    given, of = {"cells": study, "stop": stop}, study["alternating"]
-    mesh, sizes = structured(domain, real(study["h"], "cells.h")), [real(H, "cells.H") for H in study["H"]]
-    table = measure(mesh, scenes.cases(study), sizes, study["period"], chosen)
-    tables.save(table, errors, "cells", given)
-    mesh, where = structured(domain, real(of["h"], "cells.alternating.h")), "cells.alternating"
-    exact, gammas = ([fraction(x, where) for x in of[name]] for name in ("H", "gammas"))
-    table = measure_alternating(mesh, exact, fraction(of["alpha"], where), gammas, chosen)
-    tables.save(table, alternating, "cells", given)
+    domain = scenes.scene_polygon(study)
+    chosen = Stop(**stop, algorithm=study["algorithm"])
+    parameters = {"cells": study, "stop": stop}
+    alternating_study = study["alternating"]
+    mesh = make_structured_mesh(domain, parse_real(study["h"], "cells.h"))
+    sizes = [parse_real(H, "cells.H") for H in study["H"]]
+    table = measure(mesh, scenes.load_cases(study), sizes, study["period"], chosen)
+    tables.save_table(table, errors, "cells", parameters)
+    mesh = make_structured_mesh(domain, parse_real(alternating_study["h"], "cells.alternating.h"))
+    where = "cells.alternating"
+    alternating_sizes = [parse_fraction(x, where) for x in alternating_study["H"]]
+    gammas = [parse_fraction(x, where) for x in alternating_study["gammas"]]
+    table = measure_alternating(
+        mesh, alternating_sizes, parse_fraction(alternating_study["alpha"], where), gammas, chosen
+    )
+    tables.save_table(table, alternating, "cells", parameters)
 
 
 def measure(
@@ -62,23 +69,27 @@ def measure(
 
     Raises InputError where the cases do not have one u, which is a Cantor atom.
     """
-    flux_orders = []
+    flux_orders = []  # sigma of Theorem 1
     for case in cases:
         (atom,) = case.atoms
-        if not isinstance(atom, Cantor) or case.declaration["u"] != cases[0].declaration["u"]:
+        if not isinstance(atom, CantorAtom) or case.declaration["u"] != cases[0].declaration["u"]:
             raise InputError(f"cells, cases: '{case.name}' needs the u of '{cases[0].name}', one cantor atom")
         flux_orders.append(atom.flux_order)
     condensed = condense(mesh)
     ritz = ritz_projection(cases[0], condensed)
-    H = np.array(sizes)[:, None] / [1.0, period]
+    H = np.array(sizes)[:, None] / [1.0, period]  # by start and level
     measured = np.array(
         [
-            [on_partition(condensed, cases, ritz, uniform(mesh.polygon, size), stop) for size in row]
+            [
+                measure_partition(condensed, cases, ritz, make_uniform_partition(mesh.polygon, size), stop)
+                for size in row
+            ]
             for row in H
         ]
     )
     by_name = measured.transpose(3, 2, 0, 1)
-    table = {name: (("case", "start", "level"), of) for name, of in zip(MEASURED, by_name, strict=True)}
+    dims = ("case", "start", "level")
+    table = {name: (dims, values) for name, values in zip(CELL_VARIABLES, by_name, strict=True)}
     return xr.Dataset(
         table
         | {
@@ -90,25 +101,26 @@ def measure(
     )
 
 
-def on_partition(
-    condensed: Condensed,
+def measure_partition(
+    condensed: CondensedMatrix,
     cases: Sequence[ExactSolution],
     ritz: RitzProjection,
     partition: Partition,
     stop: Stop,
 ) -> Array:
-    """(case, MEASURED) on one partition."""
-    spaces, rows = mixed_spaces(condensed, partition), []
+    """Errors (case, variable) on one partition, in the order of `CELL_VARIABLES`."""
+    spaces = mixed_spaces(condensed, partition)
+    rows = []
     for case, cells in zip(cases, cell_means_of_gaps(cases, partition), strict=True):
-        exact = Exact(replace(ritz, case=case), cells)
-        result = solve(with_solution(spaces, exact), stop).result
+        exact = CaseProjections(replace(ritz, case=case), cells)
+        result = solve_condensed_problem(discretise_case(spaces, exact), stop).result
         errors = exact.errors(spaces, result.lambda_H)
         solved = (result.bound, errors.quadrature_share, float(result.converged))
         rows.append((errors.hm12_discrete, cells.consistency, *solved))
     return np.array(rows)
 
 
-def alternating(
+def alternating_cases(
     polygon: Polygon, H: Fraction, alpha: Fraction, gammas: Sequence[Fraction]
 ) -> list[ExactSolution]:
     """Cases with one u on side 0, and a gap for each exponent; H divides 1/4, in side lengths.
@@ -117,14 +129,20 @@ def alternating(
     like s^gamma on the other half, so that u and g change with H. Their norms in H^alpha and in H^gamma stay
     bounded, and the consistency term is like H^{alpha + gamma}.
     """
-    starts = [INSET + k * H for k in range(int((1 - 2 * INSET) / H))]
-    atoms = tuple(harmonic(polygon, 0, float(start), alpha, number(H / 2)) for start in starts)
+    starts = [ALTERNATING_START + k * H for k in range(int((1 - 2 * ALTERNATING_START) / H))]
+    atoms = tuple(
+        make_harmonic_atom(polygon, 0, float(start), alpha, rational_expression(H / 2)) for start in starts
+    )
     cases = []
     for gamma in gammas:
-        parts = [pos(INSET - T, gamma), pos(T - 1 + INSET, gamma)]
-        parts += [pos((T - a - H / 2) * (a + H - T), gamma) / number(H / 2) ** gamma for a in starts]
-        gap = total(term for part in parts for term in part.terms)
-        gaps = (gap, *[number(INSET) ** gamma] * (polygon.n_sides - 1))
+        # The gap is 0 between t = 1/4 and 3/4 but on the second half of each cell: there it is
+        # ((t - a - H/2) (a + H - t) / (H/2))^gamma, like s^gamma at both of its ends
+        gap_terms = [pos(ALTERNATING_START - T, gamma), pos(T - 1 + ALTERNATING_START, gamma)]
+        gap_terms += [
+            pos((T - a - H / 2) * (a + H - T), gamma) / rational_expression(H / 2) ** gamma for a in starts
+        ]
+        gap = sum_terms(term for expression in gap_terms for term in expression.terms)
+        gaps = (gap, *[rational_expression(ALTERNATING_START) ** gamma] * (polygon.n_sides - 1))
         cases.append(ExactSolution(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
     return cases
 
@@ -133,12 +151,15 @@ def measure_alternating(
     mesh: Mesh, sizes: Sequence[Fraction], alpha: Fraction, gammas: Sequence[Fraction], stop: Stop
 ) -> xr.Dataset:
     """Errors over (partition, gamma), on one mesh."""
-    condensed, rows = condense(mesh), []
+    condensed = condense(mesh)
+    rows = []
     for H in sizes:
-        cases = alternating(mesh.polygon, H, alpha, gammas)
+        cases = alternating_cases(mesh.polygon, H, alpha, gammas)
         ritz = ritz_projection(cases[0], condensed)
-        rows.append(on_partition(condensed, cases, ritz, uniform(mesh.polygon, float(H)), stop))
+        rows.append(
+            measure_partition(condensed, cases, ritz, make_uniform_partition(mesh.polygon, float(H)), stop)
+        )
     values = np.array(rows)
-    table = {name: (("partition", "gamma"), values[..., k]) for k, name in enumerate(MEASURED)}
-    coords = {"gamma": [float(each) for each in gammas], "h": mesh.h, "alpha": float(alpha)}
+    table = {name: (("partition", "gamma"), values[..., k]) for k, name in enumerate(CELL_VARIABLES)}
+    coords = {"gamma": [float(gamma) for gamma in gammas], "h": mesh.h, "alpha": float(alpha)}
     return xr.Dataset(table, coords=coords | {"H": ("partition", [float(H) for H in sizes])})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from study.experiments.cells.checks import exponent, rates
+from study.experiments.cells.checks import partition_rates, period_exponent
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
@@ -13,14 +13,12 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 
     `alternating` is the least rate where each cell has contact and a gap.
     """
-    over_H, rough = (
-        exponent(results["cells/errors"], "discrete_error"),
-        results["cells/errors"].sel(case="violates_jj_jjj"),
-    )
+    over_H = period_exponent(results["cells/errors"], "discrete_error")
+    rough = results["cells/errors"].sel(case="violates_jj_jjj")
     return {
         "cells": {
             "cantor": float(over_H.sel(case=["cantor_2", "cantor_1.5"]).min()),
-            "alternating": float(rates(results["cells/alternating"].sel(gamma=0.5)).min()),
+            "alternating": float(partition_rates(results["cells/alternating"].sel(gamma=0.5)).min()),
             "violates_jj_jjj": float(over_H.sel(case="violates_jj_jjj")),
             "proved": float(rough["flux_order"] + rough["gap_order"]) / 2,
         }

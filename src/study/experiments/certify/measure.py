@@ -19,55 +19,62 @@ from skfem.models.poisson import laplace, mass
 
 from study import scenes, tables
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.reference import boundary_facets
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import ExactSolution
-from unilateral.solution.certification import certify
+from unilateral.solution.certification import certify_nodal_values
 from unilateral.solution.solver import Solver
 
-DEGREE = 8
-"""Of the quadrature of f."""
-ROUNDS = 100
+SOURCE_RULE_DEGREE = 8
+"""The degree of the quadrature of f."""
+MAX_NODAL_ACTIVE_SETS = 100
 """The most active sets; a dozen are enough."""
 
 
 def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
     """Write the table of all cases, sizes and methods."""
-    sizes, of_cases = [real(h, "certify.h") for h in study["h"]], []
-    for case in chain.from_iterable(map(scenes.cases, study["scenes"])):
-        levels = [measure(case, structured(case.polygon, h), study) for h in sizes]
-        of_cases.append(xr.concat(levels, "mesh").assign_coords(case=case.name))
+    sizes = [parse_real(h, "certify.h") for h in study["h"]]
+    case_tables = []
+    for case in chain.from_iterable(map(scenes.load_cases, study["scenes"])):
+        levels = [measure(case, make_structured_mesh(case.polygon, h), study) for h in sizes]
+        case_tables.append(xr.concat(levels, "mesh").assign_coords(case=case.name))
         print(f"{case.name} measured")
-    table = xr.concat(of_cases, "case").assign_coords(h=("mesh", sizes))
-    tables.save(table, solutions, "certify", {"certify": study})
+    table = xr.concat(case_tables, "case").assign_coords(h=("mesh", sizes))
+    tables.save_table(table, solutions, "certify", {"certify": study})
 
 
 def measure(case: ExactSolution, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dataset:
     """The error and its bound over `scheme`, on one mesh."""
     mixed = Solver(case.problem, mesh=mesh, H=2 * mesh.h)().u
-    solutions = {"mixed method": mixed, **others(case, mesh, study["penalties"], study["sweeps"])}
+    solutions = {"mixed method": mixed, **solve_by_others(case, mesh, study["penalties"], study["sweeps"])}
     errors = [h1_distance(case, mesh, v) for v in solutions.values()]
-    bounds = [certify(case.problem, mesh, v, None).bounded.total("h1") for v in solutions.values()]
+    bounds = [
+        certify_nodal_values(case.problem, mesh, v, None).bounded.total_bound("h1")
+        for v in solutions.values()
+    ]
     values = {"certified_error": ("scheme", errors), "certified_bound": ("scheme", bounds)}
     return xr.Dataset(values, coords={"scheme": list(solutions)})
 
 
-def others(case: ExactSolution, mesh: Mesh, penalties: Sequence[int], sweeps: int) -> dict[str, Array]:
-    """(n,) the values at the nodes of each method's solution, by its name."""
-    linear = nodal_problem(case, mesh, skfem.ElementTriP1())
-    quadratic = nodal_problem(case, mesh, skfem.ElementTriP2())
+def solve_by_others(
+    case: ExactSolution, mesh: Mesh, penalties: Sequence[int], sweeps: int
+) -> dict[str, Array]:
+    """Values at the nodes (n,) of each method's solution, by its name."""
+    linear = assemble_nodal_problem(case, mesh, skfem.ElementTriP1())
+    quadratic_solution = solve_nodal_problem(assemble_nodal_problem(case, mesh, skfem.ElementTriP2()))
     # a penalty's force per length, by the trapezoidal rule: each node has half of both edges beside it
-    lengths, half = np.diff(mesh.s), np.zeros(mesh.n_nodes)
+    lengths = np.diff(mesh.s)
+    half = np.zeros(mesh.n_nodes)
     half[mesh.boundary] = 0.5 * (lengths + np.roll(lengths, 1))
     return {
-        "nodal constraints": active_set(linear),
-        "P2, interpolated": active_set(quadratic)[: mesh.n_nodes],  # scikit-fem numbers the nodes first
-        **{f"penalty {factor}/h": active_set(linear, factor / mesh.h * half) for factor in penalties},
-        "stopped early": gauss_seidel(linear, sweeps),
-        "half the load": active_set(linear._replace(load=linear.load / 2)),
+        "nodal constraints": solve_nodal_problem(linear),
+        "P2, interpolated": quadratic_solution[: mesh.n_nodes],  # scikit-fem numbers the nodes first
+        **{f"penalty {k}/h": solve_nodal_problem(linear, k / mesh.h * half) for k in penalties},
+        "stopped early": iterate_gauss_seidel(linear, sweeps),
+        "half the load": solve_nodal_problem(linear._replace(load=linear.load / 2)),
     }
 
 
@@ -83,54 +90,63 @@ class NodalProblem(NamedTuple):
     fixed: Mask
 
 
-def nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> NodalProblem:
+def assemble_nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> NodalProblem:
     """A case with u >= g at the element's boundary unknowns: nodes, and for P2 the midpoints of edges."""
-    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    basis = skfem.Basis(of_skfem, element, intorder=DEGREE)
+    skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    basis = skfem.Basis(skfem_mesh, element, intorder=SOURCE_RULE_DEGREE)
     A = laplace.assemble(basis) + case.c * mass.assemble(basis)
 
     @skfem.LinearForm
-    def load(v: Any, w: Any) -> Any:
+    def source_load(v: Any, w: Any) -> Any:
+        """f v at the points of quadrature."""
         return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
 
-    facets, clamped = boundary_facets(of_skfem, mesh), np.isin(mesh.side, case.clamped_sides)
-    g, fixed = np.full(basis.N, -np.inf), np.zeros(basis.N, dtype=bool)
+    facets = boundary_facets(skfem_mesh, mesh)
+    clamped = np.isin(mesh.side, case.clamped_sides)
+    g = np.full(basis.N, -np.inf)
+    fixed = np.zeros(basis.N, dtype=bool)
     ends = [basis.nodal_dofs[0][nodes] for nodes in (mesh.boundary, np.roll(mesh.boundary, -1))]
     places = [(ends[0], 0.0), (ends[1], 1.0), *((dofs[facets], 0.5) for dofs in basis.facet_dofs)]
-    for dofs, part in places:
-        s = mesh.s[:-1] + part * np.diff(mesh.s) - mesh.polygon.starts[mesh.side]
-        u, _, gap = case.boundary(mesh.side, s)
+    for dofs, edge_share in places:
+        s = mesh.s[:-1] + edge_share * np.diff(mesh.s) - mesh.polygon.starts[mesh.side]
+        u, _, gap = case.trace_flux_and_gap(mesh.side, s)
         np.maximum.at(g, dofs, u - gap)
         fixed[dofs[clamped]] = True
-    return NodalProblem(A.tocsr(), load.assemble(basis), g, fixed)
+    return NodalProblem(A.tocsr(), source_load.assemble(basis), g, fixed)
 
 
-def active_set(problem: NodalProblem, springs: Array | None = None) -> Array:
-    """(n,) x by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
+def solve_nodal_problem(problem: NodalProblem, springs: Array | None = None) -> Array:
+    """The solution (n,) by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
 
     With `springs` (n,) the forces springs (g - x)_+ are in place of the constraint: the penalty method.
     """
     A, load, g, fixed = problem
-    diagonal, active = A.diagonal(), np.isfinite(g) & ~fixed
-    for _ in range(ROUNDS):
+    diagonal = A.diagonal()
+    active = np.isfinite(g) & ~fixed
+    for _ in range(MAX_NODAL_ACTIVE_SETS):
         prescribed = fixed | active if springs is None else fixed
+        # (A + diag(push)) x = load + push g: the springs of the active nodes; x = g where it is prescribed
         push = np.zeros_like(load) if springs is None else np.where(active, springs, 0.0)
-        matrix, x = (A + sp.diags_array(push)).tocsr(), np.where(prescribed, g, 0.0)
-        rest = load + push * np.where(active, g, 0.0) - matrix @ x
-        x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), rest[~prescribed])
+        matrix = (A + sp.diags_array(push)).tocsr()
+        x = np.where(prescribed, g, 0.0)
+        right_side = load + push * np.where(active, g, 0.0) - matrix @ x
+        x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), right_side[~prescribed])
         # next a node is active where the reaction is larger than the gap, times the diagonal
-        before, active = active, ~fixed & (A @ x - load > diagonal * (x - g))
-        if np.array_equal(active, before):
+        previous = active
+        active = ~fixed & (A @ x - load > diagonal * (x - g))
+        if np.array_equal(active, previous):
             break
     return x
 
 
-def gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
+def iterate_gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
     """x after some sweeps of the projected Gauss-Seidel iteration, from g on the boundary and 0 inside."""
     A, load, g, fixed = problem
-    diagonal, x = A.diagonal(), np.where(np.isfinite(g), g, 0.0)
+    diagonal = A.diagonal()
+    x = np.where(np.isfinite(g), g, 0.0)
     for node in np.tile(np.flatnonzero(~fixed), sweeps):
         row = slice(A.indptr[node], A.indptr[node + 1])
+        # x_i <- max(g_i, x_i + (load - A x)_i / A_ii)
         residual = load[node] - A.data[row] @ x[A.indices[row]]
         x[node] = max(x[node] + residual / diagonal[node], g[node])
     return x

@@ -16,26 +16,26 @@ import numpy as np
 import xarray as xr
 
 from study import operations, scenes, tables
-from study.experiments.cost.run import Posed, Variant, count_operations, method_and_step, reach
-from unilateral.discrete.condensed import with_solution
-from unilateral.fem.condense import by_sparse, matrix
-from unilateral.fem.linear_systems import dissected
+from study.experiments.cost.run import PosedCase, Variant, count_operations, method_and_step, run_to_levels
+from unilateral.discrete.condensed import discretise_case
+from unilateral.fem.condense import condense_factors, form_matrix
+from unilateral.fem.linear_systems import factorise_by_dissection
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import uniform
-from unilateral.geometry.structured import structured
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact_errors import Exact, cell_means
+from unilateral.norms.exact_errors import CaseProjections, cell_means
 from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.case import ExactSolution
 
-SLOWER = 2
+MAX_STEPS_OVER_DOUBLE = 2
 """A run in another precision may take so many times the steps in double precision."""
-DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_discrete")
+DISCRETE_ERRORS = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_discrete")
 """The errors of (u_h, lambda_H), to which the iteration tends."""
-NORMS = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
-ERRORS = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error")
+EXACT_NORMS = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
+RUN_ERRORS = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error")
 
 
 class Variation(NamedTuple):
@@ -45,7 +45,7 @@ class Variation(NamedTuple):
     variants: list[Variant]
 
 
-Row = dict[str, Any]
+CostRow = dict[str, Any]
 """What is known of a run, by the names of the tables' variables; lists are over the stopping levels."""
 
 
@@ -56,30 +56,30 @@ def measure_cost(
 
     `scene` has the scenes in which runs are made, by name, and `norms` are the files of their dual norms.
     """
-    sizes = [real(H, "cost.H") for H in study["H"]]
-    planned = plan(study)
+    sizes = [parse_real(H, "cost.H") for H in study["H"]]
+    planned = plan_axes(study)
     variants = dict.fromkeys(variant for axis in planned for variant in axis.variants)
-    rows: dict[tuple[Variant, float], Row] = {}
+    rows: dict[tuple[Variant, float], CostRow] = {}
     for (name, declared), norm in zip(scene.items(), norms, strict=True):
-        gram = Gram.of_table(tables.load(norm))
-        here = [variant for variant in variants if variant.scene == name]
+        gram = Gram.from_table(tables.load_table(norm))
+        scene_variants = [variant for variant in variants if variant.scene == name]
         for h in study["h"][name]:
-            mesh = structured(scenes.domain(declared), real(h, "cost.h"))
-            rows |= measure(mesh, scenes.cases(declared), gram, here, sizes, study)
-    given = {f"scenes.{name}": declared for name, declared in scene.items()}
-    given |= {f"cost.{field}": value for field, value in study.items()}
+            mesh = make_structured_mesh(scenes.scene_polygon(declared), parse_real(h, "cost.h"))
+            rows |= measure(mesh, scenes.load_cases(declared), gram, scene_variants, sizes, study)
+    parameters = {f"scenes.{name}": declared for name, declared in scene.items()}
+    parameters |= {f"cost.{field}": value for field, value in study.items()}
     for axis, path in zip(planned, axes, strict=True):
-        tables.save(along(axis, rows, sizes, study["stops"]), path, "cost", given)
+        tables.save_table(tabulate_axis(axis, rows, sizes, study["stops"]), path, "cost", parameters)
 
 
-def plan(study: Mapping[str, Any]) -> list[Variation]:
+def plan_axes(study: Mapping[str, Any]) -> list[Variation]:
     """The study's axes. Each field that one changes has the base's value first, then the others."""
-    base = study["base"] | {"H_over_h": real(study["base"]["H_over_h"], "cost.base.H_over_h")}
+    base = study["base"] | {"H_over_h": parse_real(study["base"]["H_over_h"], "cost.base.H_over_h")}
     axes = []
-    for others in study["axes"].values():
-        values = {field: [study["base"][field], *given] for field, given in others.items()}
+    for declared in study["axes"].values():
+        values = {field: [study["base"][field], *varied] for field, varied in declared.items()}
         if "H_over_h" in values:
-            values["H_over_h"] = [real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
+            values["H_over_h"] = [parse_real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
         changes = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
         axes.append(Variation(values, [Variant(**base | changed) for changed in changes]))
     return axes
@@ -92,59 +92,73 @@ def measure(
     variants: Sequence[Variant],
     sizes: Sequence[float],
     study: Mapping[str, Any],
-) -> dict[tuple[Variant, float], Row]:
+) -> dict[tuple[Variant, float], CostRow]:
     """The rows of the variants of these cases on one mesh, by variant and H, where H is one of `sizes`.
 
     `gram` holds the dual norm's forms for the cases, in their order. Of the study the limits of runs are
     read. A variant in another precision has to follow its twin in double precision.
     """
-    eliminated = dissected(matrix(mesh), mesh.boundary)
-    condensed = by_sparse(mesh, eliminated)
-    factors = dissected(matrix(mesh))
-    with_boundary_last = operations.factors(eliminated.lu)
-    counts = {"A": operations.factors(factors.lu), "A_3": with_boundary_last, "S": with_boundary_last}
-    named = {variant.case for variant in variants}
-    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in named}
+    # Factors of A with the boundary nodes last, whose last block gives A_3; and by dissection of all nodes
+    eliminated = factorise_by_dissection(form_matrix(mesh), mesh.boundary)
+    condensed = condense_factors(mesh, eliminated)
+    factors = factorise_by_dissection(form_matrix(mesh))
+    with_boundary_last = operations.count_factors(eliminated.lu)
+    counts = {"A": operations.count_factors(factors.lu), "A_3": with_boundary_last, "S": with_boundary_last}
+    case_names = {variant.case for variant in variants}
+    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in case_names}
 
-    rows: dict[tuple[Variant, float], Row] = {}
+    rows: dict[tuple[Variant, float], CostRow] = {}
     for ratio in dict.fromkeys(variant.H_over_h for variant in variants):
         H = next((H for H in sizes if math.isclose(H, ratio * mesh.h, rel_tol=1e-9)), None)
         if H is None:
             continue
-        spaces = mixed_spaces(condensed, uniform(mesh.polygon, ratio * mesh.h))
-        form = gram.on(spaces.partition)
-        for c, case in enumerate(cases):
-            here = [each for each in variants if (each.case, each.H_over_h) == (case.name, ratio)]
-            if not here:
+        spaces = mixed_spaces(condensed, make_uniform_partition(mesh.polygon, ratio * mesh.h))
+        form = gram.coarsen(spaces.partition)
+        for case_index, case in enumerate(cases):
+            case_variants = [
+                variant for variant in variants if (variant.case, variant.H_over_h) == (case.name, ratio)
+            ]
+            if not case_variants:
                 continue
-            exact = Exact(ritz[case.name], cell_means(case, spaces.partition))
-            posed = Posed(exact, with_solution(spaces, exact), form, c, factors, counts)
-            for variant in here:
+            exact = CaseProjections(ritz[case.name], cell_means(case, spaces.partition))
+            posed = PosedCase(
+                exact=exact,
+                discrete=discretise_case(spaces, exact),
+                form=form,
+                case_index=case_index,
+                factors=factors,
+                counts=counts,
+            )
+            for variant in case_variants:
                 max_steps = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
                 twin = rows.get((variant._replace(precision="float64"), H))
                 if twin and np.isfinite(twin["steps"]).any():
-                    max_steps = min(max_steps, SLOWER * int(np.nanmax(twin["steps"])))
-                rows[variant, H] = _row(posed, variant, study["stops"], max_steps)
+                    max_steps = min(max_steps, MAX_STEPS_OVER_DOUBLE * int(np.nanmax(twin["steps"])))
+                rows[variant, H] = _measure_run(posed, variant, study["stops"], max_steps)
     return rows
 
 
-def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> Row:
-    """What is known of one run; NaN at levels that are not reached."""
-    reached = reach(posed, variant, stops, max_steps)
+def _measure_run(posed: PosedCase, variant: Variant, stops: Sequence[float], max_steps: int) -> CostRow:
+    """Numbers of one run by the names of variables; NaN at levels that are not reached."""
+    reached = run_to_levels(posed, variant, stops, max_steps)
     setup, step, totals = count_operations(posed, variant, reached)
     method, rho = method_and_step(variant.algorithm, posed.spaces)
-    errors = np.reshape([posed.errors(each.lambda_H) for each in reached], (len(reached), len(ERRORS))).T
-    at_levels: dict[str, Sequence[float]] = dict(zip(ERRORS, errors.tolist(), strict=True))
+    errors = np.reshape(
+        [posed.errors(level.lambda_H) for level in reached], (len(reached), len(RUN_ERRORS))
+    ).T
+    at_levels: dict[str, Sequence[float]] = dict(zip(RUN_ERRORS, errors.tolist(), strict=True))
     at_levels |= {
-        "steps": [each.steps for each in reached],
-        "operator_applications": [each.applications for each in reached],
-        "factorisations": [1 + (method == "newton") * each.steps for each in reached],
+        "steps": [level.steps for level in reached],
+        "operator_applications": [level.applications for level in reached],
+        # Newton factorises S on the cells in contact in every step
+        "factorisations": [1 + (method == "newton") * level.steps for level in reached],
         "operations": totals,
-        "algebraic_bound": [each.bound for each in reached],
+        "algebraic_bound": [level.bound for level in reached],
     }
     missing = [math.nan] * (len(stops) - len(reached))
-    spaces, operator = posed.spaces, posed.spaces.operator
-    row: Row = {name: [*values, *missing] for name, values in at_levels.items()}
+    spaces = posed.spaces
+    operator = posed.spaces.operator
+    row: CostRow = {name: [*values, *missing] for name, values in at_levels.items()}
     row |= {
         "h": spaces.mesh.h,
         "unknowns": spaces.mesh.n_nodes,
@@ -158,12 +172,15 @@ def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int)
         "setup_operations": setup,
         "step_operations": step,
     }
-    row |= dict(zip(DISCRETE, posed.discrete_errors, strict=True))
-    return row | dict(zip(NORMS, posed.norms, strict=True))
+    row |= dict(zip(DISCRETE_ERRORS, posed.discrete_errors, strict=True))
+    return row | dict(zip(EXACT_NORMS, posed.exact_norms, strict=True))
 
 
-def along(
-    axis: Variation, rows: Mapping[tuple[Variant, float], Row], sizes: Sequence[float], stops: Sequence[float]
+def tabulate_axis(
+    axis: Variation,
+    rows: Mapping[tuple[Variant, float], CostRow],
+    sizes: Sequence[float],
+    stops: Sequence[float],
 ) -> xr.Dataset:
     """The table over the fields that an axis changes, H and the stopping level, NaN where there is no run."""
     runs = [rows.get((variant, H), {}) for variant in axis.variants for H in sizes]

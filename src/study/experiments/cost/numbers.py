@@ -12,23 +12,23 @@ import pandas as pd
 import xarray as xr
 
 from study.experiments.cost import trade
-from study.experiments.cost.products import REFRESH
-from study.formats import TITLES, cells, shown, span
-from study.tables import NORMS
-from unilateral.formulas.formula import real
+from study.experiments.cost.products import PRODUCTS_PER_REFRESH
+from study.formats import ERROR_TITLES, format_row, format_span, format_value
+from study.tables import ERROR_NORMS
+from unilateral.formulas.formula import parse_real
 
-LARGEST_RATIO = 4.0
+MAX_GROWTH_RATIO = 4.0
 """The growth of steps is found for H/h up to this number, for which there are enough sizes."""
-LEVELS = (1e-1, 1e-3, 1e-6)
+COMPARED_LEVELS = (1e-1, 1e-3, 1e-6)
 """The stopping levels at which the algorithms are compared."""
-NAMES = {
+ALGORITHM_TITLES = {
     "newton": "active set (`newton`)",
     "barzilai_borwein": "Barzilai–Borwein",
     "nesterov": "Nesterov",
     "uzawa": "Uzawa",
 }
-COUNTED = {"setup": "the set-up's", "uzawa": "all of Uzawa's"}
-PRICE = {
+WORK_TITLES = {"setup": "the set-up's", "uzawa": "all of Uzawa's"}
+PRICE_COLUMNS = {
     "stop at": ("stop", "10^"),
     "h": ("h", "1/n"),
     "relative error": ("error", ".2g%"),
@@ -36,8 +36,8 @@ PRICE = {
     "over set-up's": ("over_setup", ".2f"),
     "half of it costs": ("halving", "times"),
 }
-TARGET = {"reached": ("error", ".2g%"), "H/h": ("H_over_h", "g")} | {
-    title: PRICE[title] for title in ("h", "stop at", "operations")
+TARGET_COLUMNS = {"reached": ("error", ".2g%"), "H/h": ("H_over_h", "g")} | {
+    title: PRICE_COLUMNS[title] for title in ("h", "stop at", "operations")
 }
 """The columns by title: what of a run each shows, and in which format."""
 Spans = dict[float, tuple[float, float]]
@@ -45,18 +45,19 @@ Spans = dict[float, tuple[float, float]]
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    H_over_h, coarsest = _base(study)
+    """Recommendations of the study of cost and their worth, as documents name them."""
+    H_over_h, coarsest = _recommended_sizes(study)
     crossed = results["cost/algorithm"]
     return {
         "cost": recommend(results["cost/case"], H_over_h, coarsest)
         | {
-            "enough_times": trade.ENOUGH,
-            "newton_adds": newton_adds(crossed, H_over_h),
+            "enough_times": trade.ENOUGH_FACTOR,
+            "newton_adds": newton_share(crossed, H_over_h),
             "plain": {
-                name: compare_at(crossed, H_over_h, stop)["work"].sel(algorithm="uzawa").item()
-                for name, stop in (("first", LEVELS[0]), ("last", LEVELS[-1]))
+                name: compare_algorithms(crossed, H_over_h, stop)["work"].sel(algorithm="uzawa").item()
+                for name, stop in (("first", COMPARED_LEVELS[0]), ("last", COMPARED_LEVELS[-1]))
             },
-            "growth": growth(crossed, coarsest),
+            "growth": step_exponents(crossed, coarsest),
             "elimination": weigh_elimination(crossed, results["cost/algebra"], H_over_h),
             "precision": judge_precision(results["cost/precision"]),
         }
@@ -64,83 +65,95 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    H_over_h, coarsest = _base(study)
+    """The tables of the study of cost: ratios, prices, algorithms and targets."""
+    H_over_h, coarsest = _recommended_sizes(study)
     return {
         "ratios": tabulate_ratios(results["cost/case"], coarsest),
         "prices": tabulate_prices(results["cost/case"], results["cost/scene"], H_over_h, coarsest),
-        "expected": tabulate_expected(results["cost/case"], H_over_h, coarsest),
+        "expected": tabulate_price_spans(results["cost/case"], H_over_h, coarsest),
         "algorithms": tabulate_algorithms(results["cost/algorithm"], H_over_h),
         "targets": tabulate_targets(results["cost/algorithm"], study["cost"]["targets"]),
     }
 
 
-def _base(study: Mapping[str, Any]) -> tuple[float, float]:
+def _recommended_sizes(study: Mapping[str, Any]) -> tuple[float, float]:
     """H/h of the runs that are recommended, and the largest H of fits."""
     cost = study["cost"]
-    return real(cost["base"]["H_over_h"], "cost.base.H_over_h"), real(cost["fitted_from"], "cost.fitted_from")
+    return parse_real(cost["base"]["H_over_h"], "cost.base.H_over_h"), parse_real(
+        cost["fitted_from"], "cost.fitted_from"
+    )
 
 
 # The loss against the best H/h, the stop that is enough, and the price of an error.
 
 
 def recommend(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
-    """Over all cases: the loss against the best H/h, that H/h, the stop that `natural` needs, the work that
-    Uzawa adds to the set-up, and the factor of work for half the error.
+    """The recommended H/h and stop over all cases, and what they cost.
+
+    That is the loss against the best H/h, that H/h, the stop that `natural` needs, the work that Uzawa adds
+    to the set-up, and the factor of work for half the error.
     """
-    lost, both = losses(cases, coarsest), ("h1", "hm12")
-    by_norm = prices(by_case(cases), H_over_h, coarsest)
+    losses = loss_spans(cases, coarsest)
+    norms = ("h1", "hm12")
+    by_norm = prices_by_norm(split_by_case(cases), H_over_h, coarsest)
     added = [price.over_setup - 1 for price in by_norm["h1"].values()]
     return {
         "cases": cases.sizes["case"],
-        "compared_at": trade.SHOWN,
+        "compared_at": trade.COMPARED_LEVEL,
         "lowest": float(cases["stop"].min()),
-        "loss": {norm: {work: by[H_over_h][1] - 1 for work, by in lost[norm].items()} for norm in both},
-        "best_ratio": {norm: {work: best_ratio(by) for work, by in lost[norm].items()} for norm in lost},
+        "loss": {
+            norm: {work: spans[H_over_h][1] - 1 for work, spans in losses[norm].items()} for norm in norms
+        },
+        "best_ratio": {
+            norm: {work: best_ratio(spans) for work, spans in losses[norm].items()} for norm in losses
+        },
         "enough": {"hm12": {"natural": by_norm["hm12"]["natural"].stop}},
         "uzawa_adds": {"least": min(added), "most": max(added)},
-        "halving": {norm: max(price.halving for price in by_norm[norm].values()) for norm in both},
+        "halving": {norm: max(price.halving for price in by_norm[norm].values()) for norm in norms},
     }
 
 
-def by_case(cases: xr.Dataset) -> dict[str, xr.Dataset]:
+def split_by_case(cases: xr.Dataset) -> dict[str, xr.Dataset]:
     """The runs of each case, by its name."""
     return {str(name): cases.sel(case=name) for name in cases["case"].values}
 
 
-def prices(
+def prices_by_norm(
     runs: dict[str, xr.Dataset], H_over_h: float, coarsest: float
 ) -> dict[str, dict[str, trade.Price]]:
     """The prices by norm and name, at the largest level that is enough in that norm.
 
     `runs` are Uzawa's, over (H_over_h, H, stop).
     """
-    by_norm: dict[str, dict[str, trade.Price]] = {norm: {} for norm in NORMS}
-    for norm, (name, table) in itertools.product(NORMS, runs.items()):
-        stop = trade.enough(table, norm, coarsest)
-        by_norm[norm][name] = trade.price(table.sel(H_over_h=H_over_h), norm, stop, coarsest)
+    by_norm: dict[str, dict[str, trade.Price]] = {norm: {} for norm in ERROR_NORMS}
+    for norm, (name, table) in itertools.product(ERROR_NORMS, runs.items()):
+        stop = trade.sufficient_stop(table, norm, coarsest)
+        by_norm[norm][name] = trade.price_at_level(table.sel(H_over_h=H_over_h), norm, stop, coarsest)
     return by_norm
 
 
-def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
-    """The least and the largest of `trade.losses` for each H/h, by norm and by the work that is counted.
+def loss_spans(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
+    """The least and the largest loss of all cases for each H/h, by norm and by the work that is counted.
 
     In "setup" the set-up alone is counted, and errors are those of the discrete solution; in "uzawa" it is
     all work of Uzawa's algorithm to the level that is enough for the case.
     """
     spans: dict[str, dict[str, Spans]] = {}
-    for norm in NORMS:
-        of_setup, of_uzawa = [], []
-        for case in by_case(cases).values():
-            error, work = trade.relative(case, norm), case["operations"]
-            discrete = (error / trade.excess(case, norm)).isel(stop=-1)
-            of_setup.append(trade.losses(discrete, case["setup_operations"]))
-            stop = trade.enough(case, norm, coarsest)
-            of_uzawa.append(trade.losses(error.sel(stop=stop), work.sel(stop=stop)))
-        spans[norm] = {"setup": _spans(of_setup), "uzawa": _spans(of_uzawa)}
+    for norm in ERROR_NORMS:
+        setup_losses = []
+        uzawa_losses = []
+        for case in split_by_case(cases).values():
+            error = trade.relative_errors(case, norm)
+            work = case["operations"]
+            discrete = (error / trade.error_excess(case, norm)).isel(stop=-1)
+            setup_losses.append(trade.losses_by_ratio(discrete, case["setup_operations"]))
+            stop = trade.sufficient_stop(case, norm, coarsest)
+            uzawa_losses.append(trade.losses_by_ratio(error.sel(stop=stop), work.sel(stop=stop)))
+        spans[norm] = {"setup": _common_spans(setup_losses), "uzawa": _common_spans(uzawa_losses)}
     return spans
 
 
-def _spans(by_ratio: Sequence[dict[float, float]]) -> Spans:
+def _common_spans(by_ratio: Sequence[dict[float, float]]) -> Spans:
     """The least and the largest loss of the H/h that all cases have."""
     common = sorted(set.intersection(*map(set, by_ratio)))
     return {
@@ -156,12 +169,12 @@ def best_ratio(spans: Spans) -> float:
 
 def tabulate_ratios(cases: xr.Dataset, coarsest: float) -> pd.DataFrame:
     """Per norm and H/h the error at the same work over that of the best H/h."""
-    lost = losses(cases, coarsest)
-    ratios = sorted({ratio for by_work in lost.values() for spans in by_work.values() for ratio in spans})
+    losses = loss_spans(cases, coarsest)
+    ratios = sorted({ratio for by_work in losses.values() for spans in by_work.values() for ratio in spans})
     rows = [
-        {"error of": TITLES[norm], "work": COUNTED[counted]}
-        | {f"{ratio:g}": span(spans[ratio], ".2f") if ratio in spans else "" for ratio in ratios}
-        for norm, by_work in lost.items()
+        {"error of": ERROR_TITLES[norm], "work": WORK_TITLES[counted]}
+        | {f"{ratio:g}": format_span(spans[ratio], ".2f") if ratio in spans else "" for ratio in ratios}
+        for norm, by_work in losses.items()
         for counted, spans in by_work.items()
     ]
     return pd.DataFrame(rows)
@@ -169,32 +182,36 @@ def tabulate_ratios(cases: xr.Dataset, coarsest: float) -> pd.DataFrame:
 
 def tabulate_prices(cases: xr.Dataset, scenes: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
     """Per norm and case the level that is enough, what is reached there, and the price."""
-    runs = {f"`{name}`": table for name, table in by_case(cases).items()}
+    runs = {f"`{name}`": table for name, table in split_by_case(cases).items()}
     base = cases["case"].values[0]
     for name in scenes["scene"].values[1:]:
         runs[f"`{base}`, {name}"] = scenes.sel(scene=name).expand_dims(H_over_h=[H_over_h])
     rows = [
-        {"error of": TITLES[norm], "case": name} | cells(price._asdict(), PRICE)
-        for norm, by_name in prices(runs, H_over_h, coarsest).items()
+        {"error of": ERROR_TITLES[norm], "case": name} | format_row(price._asdict(), PRICE_COLUMNS)
+        for norm, by_name in prices_by_norm(runs, H_over_h, coarsest).items()
         for name, price in by_name.items()
     ]
     return pd.DataFrame(rows)
 
 
-def tabulate_expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
-    """The least and the largest of `prices` over all cases, per norm."""
+def tabulate_price_spans(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
+    """The least and the largest of `prices_by_norm` over all cases, per norm."""
     rows = []
-    for norm, by_name in prices(by_case(cases), H_over_h, coarsest).items():
-        found = pd.DataFrame(by_name.values())
+    for norm, by_name in prices_by_norm(split_by_case(cases), H_over_h, coarsest).items():
+        prices = pd.DataFrame(by_name.values())
         titles = {
             "stop": "stop that was enough, of ‖u−u_h‖₁",
             "operations": "operations",
-            "error": f"relative error at h = {shown(found['h'][0], '1/n')}",
+            "error": f"relative error at h = {format_value(prices['h'][0], '1/n')}",
             "halving": "half of it costs",
         }
         rows.append(
-            {"for the error of": TITLES[norm]}
-            | {titles[name]: span(found[name], spec) for name, spec in PRICE.values() if name in titles}
+            {"for the error of": ERROR_TITLES[norm]}
+            | {
+                titles[name]: format_span(prices[name], spec)
+                for name, spec in PRICE_COLUMNS.values()
+                if name in titles
+            }
         )
     return pd.DataFrame(rows)
 
@@ -202,82 +219,92 @@ def tabulate_expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd
 # Algorithms beside each other.
 
 
-def compare_at(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
+def compare_algorithms(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
     """The steps of each algorithm to a level on the finest mesh, and its work over that of the cheapest."""
-    at = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
-    here = at[["steps", "operations"]].sel(stop=stop, method="nearest")
-    return here.assign(work=here["operations"] / here["operations"].min("algorithm"))
+    finest = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
+    compared = finest[["steps", "operations"]].sel(stop=stop, method="nearest")
+    return compared.assign(work=compared["operations"] / compared["operations"].min("algorithm"))
 
 
 def tabulate_algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
     """The steps of each algorithm to some levels, and its work over that of the cheapest."""
-    rows = [{"algorithm": title} for title in NAMES.values()]
-    for stop in LEVELS:
-        here, level = compare_at(crossed, H_over_h, stop), shown(stop, "10^")
-        for row, name in zip(rows, NAMES, strict=True):
-            run = here.sel(algorithm=name)
-            row[f"steps to {level}"] = shown(float(f"{run['steps'].item():.2g}"), "space")
+    rows = [{"algorithm": title} for title in ALGORITHM_TITLES.values()]
+    for stop in COMPARED_LEVELS:
+        compared = compare_algorithms(crossed, H_over_h, stop)
+        level = format_value(stop, "10^")
+        for row, name in zip(rows, ALGORITHM_TITLES, strict=True):
+            run = compared.sel(algorithm=name)
+            row[f"steps to {level}"] = format_value(float(f"{run['steps'].item():.2g}"), "space")
             row[f"work to {level}"] = f"{run['work'].item():.2f}"
     return pd.DataFrame(rows)
 
 
-def tabulate_targets(crossed: xr.Dataset, wanted: Sequence[float]) -> pd.DataFrame:
+def tabulate_targets(crossed: xr.Dataset, targets: Sequence[float]) -> pd.DataFrame:
     """Per norm and relative error the cheapest run of Uzawa's that reaches it.
 
-    `wanted` falls; of several errors that one run reaches the least is shown.
+    `targets` falls; of several errors that one run reaches the least is shown.
     """
     rows = []
-    for norm in NORMS:
-        runs = [(target, trade.cheapest(crossed, norm, target)) for target in wanted]
+    for norm in ERROR_NORMS:
+        runs = [(target, trade.cheapest_run(crossed, norm, target)) for target in targets]
         strictest = {run["operations"]: (target, run) for target, run in runs if run}
         rows += [
-            {"error of": TITLES[norm], "at most": shown(target, ".2g%")} | cells(run, TARGET)
+            {"error of": ERROR_TITLES[norm], "at most": format_value(target, ".2g%")}
+            | format_row(run, TARGET_COLUMNS)
             for target, run in strictest.values()
         ]
     return pd.DataFrame(rows)
 
 
-def newton_adds(crossed: xr.Dataset, H_over_h: float) -> float:
+def newton_share(crossed: xr.Dataset, H_over_h: float) -> float:
     """Operations of the active set's steps over the set-up's, on the finest mesh."""
-    newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(stop=trade.SHOWN, method="nearest")
-    at = newton.dropna("H").isel(H=-1)
-    return float(at["operations"] / at["setup_operations"] - 1)
+    newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(
+        stop=trade.COMPARED_LEVEL, method="nearest"
+    )
+    finest = newton.dropna("H").isel(H=-1)
+    return float(finest["operations"] / finest["setup_operations"] - 1)
 
 
-def growth(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
+def step_exponents(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
     """The exponents p of steps ~ H^-p, over H/h; by how many the steps of the active set grow at most."""
-    ratios = [float(ratio) for ratio in crossed["H_over_h"].values if ratio <= LARGEST_RATIO]
-    found: dict[str, Any] = {"largest_ratio": LARGEST_RATIO}
+    ratios = [float(ratio) for ratio in crossed["H_over_h"].values if ratio <= MAX_GROWTH_RATIO]
+    exponents: dict[str, Any] = {"largest_ratio": MAX_GROWTH_RATIO}
     for name in ("uzawa", "nesterov"):
-        powers = [trade.growth(crossed, name, ratio, coarsest) for ratio in ratios]
-        found[name] = {"least": min(powers), "most": max(powers)}
-    return found | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
+        powers = [trade.growth_exponent(crossed, name, ratio, coarsest) for ratio in ratios]
+        exponents[name] = {"least": min(powers), "most": max(powers)}
+    return exponents | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
 
 
 # Algebra and precision.
 
 
 def weigh_elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> dict[str, Any]:
-    """What the partial elimination saves in a step, what it costs, and when it has paid."""
-    step, setup = algebra["step_operations"], algebra["setup_operations"].isel(H=-1)
-    over_S, h = step / step.sel(algebra="S"), algebra["h"].sel(algebra="S")
+    """Operations that the partial elimination saves in a step, its cost, and when it has paid."""
+    step = algebra["step_operations"]
+    setup = algebra["setup_operations"].isel(H=-1)
+    over_S = step / step.sel(algebra="S")
+    h = algebra["h"].sel(algebra="S")
     over_A = {
-        name: float(trade.by_A_over_by_S(algebra, crossed, name, H_over_h).sel(stop=LEVELS[0]).isel(H=-1))
+        name: float(
+            trade.work_of_A_over_S(algebra, crossed, name, H_over_h).sel(stop=COMPARED_LEVELS[0]).isel(H=-1)
+        )
         for name in ("uzawa", "barzilai_borwein")
     }
     return over_A | {
         "coarse": {"h": float(h[0]), "A": float(over_S.sel(algebra="A")[0])},
-        "fine": {"h": float(h[-1])} | {by: float(over_S.sel(algebra=by)[-1]) for by in ("A", "A_3")},
-        "level": LEVELS[0],
+        "fine": {"h": float(h[-1])}
+        | {matrix: float(over_S.sel(algebra=matrix)[-1]) for matrix in ("A", "A_3")},
+        "level": COMPARED_LEVELS[0],
         "setup": float(setup.sel(algebra="S") / setup.sel(algebra="A")),
-        "pays_after": math.ceil(trade.breaks_even(algebra)[-1]),
+        "pays_after": math.ceil(trade.break_even_steps(algebra)[-1]),
     }
 
 
 def judge_precision(precision: xr.Dataset) -> dict[str, Any]:
     """The lowest level that is reached on the finest mesh, in single precision and refined."""
-    steps, per_step = precision["steps"].isel(H=-1), precision["step_operations"].isel(H=-1)
+    steps = precision["steps"].isel(H=-1)
+    per_step = precision["step_operations"].isel(H=-1)
     adds = float(per_step.sel(precision="refined") / per_step.sel(precision="float64") - 1)
     lowest = steps["stop"].where(np.isfinite(steps)).min("stop")
     reached = {name: float(lowest.sel(precision=name)) for name in ("float32", "refined")}
-    return {**reached, "refined_every": REFRESH, "refined_adds": adds}
+    return {**reached, "refined_every": PRODUCTS_PER_REFRESH, "refined_adds": adds}

@@ -13,37 +13,39 @@ from matplotlib.ticker import NullLocator
 
 from study import style, tables
 from study.experiments.cost import trade as cost
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 
 COLUMNS = (
     *("kind", "norm", "label", "H_over_h", "h", "H", "unknowns", "stop"),
     *("work", "error", "steps", "slope", "excess"),
 )
-UNFITTED = ("barzilai_borwein", "newton")
+UNFITTED_ALGORITHMS = ("barzilai_borwein", "newton")
 """Algorithms whose steps follow no power of H: they change with rounding, or are few."""
-ALGORITHMS: dict[str, tuple[str, style.Look]] = {
+ALGORITHM_LOOKS: dict[str, tuple[str, style.Look]] = {
     "uzawa": (r"Uzawa, $\rho=1.9/\lambda_{\max}(S)$", {"color": style.COLOURS[0], "marker": "o", "ms": 5.2}),
     "safe": (r"Uzawa, safe: $\rho=1.9\,\sigma_1$", {"color": style.COLOURS[6], "marker": "P", "ms": 3.4}),
     "optimal": (
         r"Uzawa, $\rho=2/(\lambda_{\min}+\lambda_{\max})$",
         {"color": style.COLOURS[4], "marker": "x", "ms": 2.6},
     ),
-    "nesterov": ("Nesterov, restarted", {**style.look(1), "ms": 3.2}),
-    "barzilai_borwein": ("projected Barzilai–Borwein", {**style.look(2), "ms": 3.8}),
-    "newton": ("primal–dual active set", {**style.look(3), "ms": 3.0}),
+    "nesterov": ("Nesterov, restarted", {**style.numbered_look(1), "ms": 3.2}),
+    "barzilai_borwein": ("projected Barzilai–Borwein", {**style.numbered_look(2), "ms": 3.8}),
+    "newton": ("primal–dual active set", {**style.numbered_look(3), "ms": 3.0}),
 }
-DASHED: style.Look = {"marker": "", "ls": (0, (3, 2))}
-MATRICES: dict[str, tuple[str, style.Look]] = {
-    "A": ("solve with $A$", style.look(0)),
-    "A_3": ("solve with $A_3$", style.look(1)),
-    "S": ("multiply by $S$", style.look(2)),
-    "setup_A": ("set-up, with $A$", style.look(0) | DASHED),
-    "setup_S": ("set-up, with $S$", style.look(2) | DASHED),
+SETUP_LOOK: style.Look = {"marker": "", "ls": (0, (3, 2))}
+MATRIX_LOOKS: dict[str, tuple[str, style.Look]] = {
+    "A": ("solve with $A$", style.numbered_look(0)),
+    "A_3": ("solve with $A_3$", style.numbered_look(1)),
+    "S": ("multiply by $S$", style.numbered_look(2)),
+    "setup_A": ("set-up, with $A$", style.numbered_look(0) | SETUP_LOOK),
+    "setup_S": ("set-up, with $S$", style.numbered_look(2) | SETUP_LOOK),
 }
-LEFT, ACROSS, TALL = (1.35, 6.95, 12.55), 4.25, 4.3
-THIN: style.Look = {"lw": 0.9, "ms": 3.6}
-FRONT: style.Look = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
-LAST_STOP = 1e-5
+PANEL_LEFTS_CM = (1.35, 6.95, 12.55)
+PANEL_WIDTH_CM = 4.25
+PANEL_HEIGHT_CM = 4.3
+THIN_LINE: style.Look = {"lw": 0.9, "ms": 3.6}
+FRONT_LOOK: style.Look = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
+MIN_DRAWN_LEVEL = 1e-5
 """Levels below this one are not drawn: all errors are then those of the discrete solution."""
 
 
@@ -57,55 +59,60 @@ def table(
     """Work, in operations, and relative errors, and what is behind them.
 
     kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
-    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
+    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level 1e-6, with
     the exponent fitted up to the `coarsest` H; step: work of one, or of the set-up, by matrix; stop: the
     largest excess at a level.
     """
-    runs, of_cases, of_matrix = (tables.load(path) for path in (crossed, cases, algebra))
-    ratio, largest = real(base["H_over_h"], "H_over_h"), real(coarsest, "coarsest")
-    parts = [_of_norm(runs, of_cases, norm, largest) for norm in style.NORMS]
-    parts += [_of_steps(runs, ratio, largest), _of_matrices(of_matrix)]
-    return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
+    runs = tables.load_table(crossed)
+    case_runs = tables.load_table(cases)
+    matrix_costs = tables.load_table(algebra)
+    ratio = parse_real(base["H_over_h"], "H_over_h")
+    largest = parse_real(coarsest, "coarsest")
+    tables_by_kind = [_tabulate_norm(runs, case_runs, norm, largest) for norm in style.NORM_TITLES]
+    tables_by_kind += [_tabulate_steps(runs, ratio, largest), _tabulate_matrices(matrix_costs)]
+    return pd.concat(tables_by_kind, ignore_index=True)[list(COLUMNS)]
 
 
-def _of_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> pd.DataFrame:
-    at = cost.best(crossed, norm, cost.enough(cases.isel(case=[0]), norm, coarsest))
-    lines = at.to_dataframe().reset_index().dropna()
-    worst = cost.excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
+def _tabulate_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> pd.DataFrame:
+    cheapest = cost.cheapest_at_level(
+        crossed, norm, cost.sufficient_stop(cases.isel(case=[0]), norm, coarsest)
+    )
+    lines = cheapest.to_dataframe().reset_index().dropna()
+    worst = cost.error_excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
     stops = pd.DataFrame({"kind": "stop", "stop": worst["stop"], "excess": worst})
-    return pd.concat([front(crossed, norm), lines.assign(kind="line"), stops]).assign(norm=norm)
+    return pd.concat([tabulate_front(crossed, norm), lines.assign(kind="line"), stops]).assign(norm=norm)
 
 
-def front(crossed: xr.Dataset, norm: str) -> pd.DataFrame:
+def tabulate_front(crossed: xr.Dataset, norm: str) -> pd.DataFrame:
     """The runs that no cheaper one beats in a norm."""
     crossed = crossed.sel(stop=crossed["stop"] < 1)
-    of = {"error": cost.relative(crossed, norm), "work": crossed["operations"], "h": crossed["h"]}
-    points = xr.Dataset(of).to_dataframe().reset_index().rename(columns={"algorithm": "label"})
-    kept = points.iloc[cost.front(points["work"].to_numpy(), points["error"].to_numpy())]
-    return kept.assign(kind="front")
+    columns = {"error": cost.relative_errors(crossed, norm), "work": crossed["operations"], "h": crossed["h"]}
+    points = xr.Dataset(columns).to_dataframe().reset_index().rename(columns={"algorithm": "label"})
+    front = points.iloc[cost.pareto_front(points["work"].to_numpy(), points["error"].to_numpy())]
+    return front.assign(kind="front")
 
 
-def _of_steps(crossed: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
-    parts = []
+def _tabulate_steps(crossed: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
+    algorithm_rows = []
     for algorithm in crossed["algorithm"].values:
         steps = crossed["steps"].sel(H_over_h=H_over_h, algorithm=algorithm)
-        last = steps.sel(stop=cost.SHOWN, method="nearest")
-        fitted = algorithm not in UNFITTED
-        slope = round(cost.growth(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
+        last = steps.sel(stop=cost.COMPARED_LEVEL, method="nearest")
+        fitted = algorithm not in UNFITTED_ALGORITHMS
+        slope = round(cost.growth_exponent(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
         line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
-        parts.append(pd.DataFrame(line))
-    return pd.concat(parts)
+        algorithm_rows.append(pd.DataFrame(line))
+    return pd.concat(algorithm_rows)
 
 
-def _of_matrices(algebra: xr.Dataset) -> pd.DataFrame:
+def _tabulate_matrices(algebra: xr.Dataset) -> pd.DataFrame:
     lines = {name: algebra["step_operations"].sel(algebra=name) for name in algebra["algebra"].values}
     lines |= {f"setup_{name}": algebra["setup_operations"].sel(algebra=name) for name in ("S", "A")}
     unknowns = algebra["unknowns"].sel(algebra="S")
-    parts = [
+    line_tables = [
         pd.DataFrame({"kind": "step", "label": label, "unknowns": unknowns, "work": values})
         for label, values in lines.items()
     ]
-    return pd.concat(parts)
+    return pd.concat(line_tables)
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -114,64 +121,76 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     Columns: kind (front, line, steps, step, stop), norm, label (algorithm or matrix), H_over_h, H, unknowns,
     stop, work, error, steps, slope (p of steps ~ H^-p), excess. Raises InputError for a table without them.
     """
-    data = style.read(csv_path)
-    parts = {kind: rows for kind, rows in data.groupby("kind")}
-    ratios = np.unique(parts["line"]["H_over_h"]).tolist()
-    edge: style.Look = {"mec": "white", "mew": 0.3}
-    looks: dict[float, style.Look] = {r: {**style.look(i), **THIN, **edge} for i, r in enumerate(ratios)}
-    with style.figure_in(svg_path, 14.8) as figure:
-        for left, (norm, title) in zip(LEFT, style.NORMS.items(), strict=True):
-            axes = style.axes_at(figure, left, 9.4, ACROSS, TALL)
-            rows = parts["front"][parts["front"]["norm"] == norm]
-            style.log_line(axes, rows["work"], rows["error"], **FRONT)
-            for ratio, rows in parts["line"][parts["line"]["norm"] == norm].groupby("H_over_h"):
-                style.log_line(axes, rows["work"], rows["error"], **looks[ratio])
+    data = style.read_figure_table(csv_path)
+    by_kind = {kind: rows for kind, rows in data.groupby("kind")}
+    ratios = np.unique(by_kind["line"]["H_over_h"]).tolist()
+    marker_edge: style.Look = {"mec": "white", "mew": 0.3}
+    looks: dict[float, style.Look] = {
+        r: {**style.numbered_look(i), **THIN_LINE, **marker_edge} for i, r in enumerate(ratios)
+    }
+    with style.open_figure(svg_path, 14.8) as figure:
+        for left_cm, (norm, title) in zip(PANEL_LEFTS_CM, style.NORM_TITLES.items(), strict=True):
+            axes = style.add_axes(figure, left_cm, 9.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+            rows = by_kind["front"][by_kind["front"]["norm"] == norm]
+            style.draw_log_line(axes, rows["work"], rows["error"], **FRONT_LOOK)
+            for ratio, rows in by_kind["line"][by_kind["line"]["norm"] == norm].groupby("H_over_h"):
+                style.draw_log_line(axes, rows["work"], rows["error"], **looks[ratio])
             axes.set(title=f"{title}, relative", xlabel="operations")
-            style.few_powers(axes.yaxis)
-        lower = [style.axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
-        _steps(lower[0], parts["steps"])
-        for label, (name, look) in MATRICES.items():
-            rows = parts["step"][parts["step"]["label"] == label]
-            style.log_line(lower[1], rows["unknowns"], rows["work"], **{**look, **THIN}, label=name)
+            style.set_plain_ticks(axes.yaxis)
+        lower = [
+            style.add_axes(figure, left_cm, 2.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+            for left_cm in PANEL_LEFTS_CM
+        ]
+        _draw_steps(lower[0], by_kind["steps"])
+        for label, (name, look) in MATRIX_LOOKS.items():
+            rows = by_kind["step"][by_kind["step"]["label"] == label]
+            style.draw_log_line(lower[1], rows["unknowns"], rows["work"], **{**look, **THIN_LINE}, label=name)
         lower[1].set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
         lower[1].set_ylim(top=200 * lower[1].get_ylim()[1])
-        _named(lower[1], "upper left")
-        stops = parts["stop"][parts["stop"]["stop"] >= LAST_STOP]
-        for i, (norm, title) in enumerate(style.NORMS.items()):
+        _add_line_names(lower[1], "upper left")
+        stops = by_kind["stop"][by_kind["stop"]["stop"] >= MIN_DRAWN_LEVEL]
+        for i, (norm, title) in enumerate(style.NORM_TITLES.items()):
             rows = stops[stops["norm"] == norm]
-            style.log_line(lower[2], rows["stop"], rows["excess"], **style.look(i), **THIN, label=title)
+            style.draw_log_line(
+                lower[2], rows["stop"], rows["excess"], **style.numbered_look(i), **THIN_LINE, label=title
+            )
         lower[2].invert_xaxis()
-        _named(lower[2], "upper right")
+        _add_line_names(lower[2], "upper right")
         lower[2].set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
         lower[2].set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
-        fronts = [style.key(f"$H/h={style.as_fraction(ratio)}$", **look) for ratio, look in looks.items()]
-        fronts.append(style.key("front of all runs", **FRONT))
-        named = [style.key(name, lw=0.9, **look) for name, look in ALGORITHMS.values()]
+        fronts = [
+            style.legend_entry(f"$H/h={style.format_fraction(ratio)}$", **look)
+            for ratio, look in looks.items()
+        ]
+        fronts.append(style.legend_entry("front of all runs", **FRONT_LOOK))
+        named = [style.legend_entry(name, lw=0.9, **look) for name, look in ALGORITHM_LOOKS.values()]
         for handles, top, columns in ((fronts, 8.2, 7), (named, 1.25, 3)):
             space: style.Look = {"labelspacing": 0.4, "columnspacing": 1.15, "handlelength": 1.6}
-            style.legend(figure, handles, 1.35, top, ncols=columns, **space)
+            style.add_legend(figure, handles, 1.35, top, ncols=columns, **space)
 
 
-def _steps(axes: Axes, rows: pd.DataFrame) -> None:
+def _draw_steps(axes: Axes, rows: pd.DataFrame) -> None:
     """Draw the steps over H, and fitted exponents beside the finest points; one where lines coincide."""
     ends: list[float] = []
     place: style.Look = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
     for label, line in rows.groupby("label", sort=False):
-        look = {**ALGORITHMS[str(label)][1], "lw": 0.9}
-        style.log_line(axes, line["H"], line["steps"], **look)
+        look = {**ALGORITHM_LOOKS[str(label)][1], "lw": 0.9}
+        style.draw_log_line(axes, line["H"], line["steps"], **look)
         end = line.loc[line["H"].idxmin()]
-        if pd.notna(end["slope"]) and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
+        if pd.notna(end["slope"]) and all(not 0.8 < end["steps"] / end_steps < 1.25 for end_steps in ends):
             text = f"$H^{{-{end['slope']:.1f}}}$"
-            axes.annotate(text, (end["H"], end["steps"]), color=look["color"], fontsize=style.SMALL, **place)
+            axes.annotate(
+                text, (end["H"], end["steps"]), color=look["color"], fontsize=style.SMALL_FONT_POINTS, **place
+            )
             ends.append(end["steps"])
     sizes = sorted(rows["H"].unique(), reverse=True)
     axes.set_xlim(1.3 * sizes[0], sizes[-1] / 5.0)
-    axes.set_xticks(sizes[::2], [style.as_fraction(H) for H in sizes[::2]])
+    axes.set_xticks(sizes[::2], [style.format_fraction(H) for H in sizes[::2]])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set(title=r"steps to the level $10^{-6}$", xlabel="$H$")
 
 
-def _named(axes: Axes, corner: Any) -> None:
+def _add_line_names(axes: Axes, corner: Any) -> None:
     """The lines' names in a corner, and no minor ticks."""
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_minor_locator(NullLocator())

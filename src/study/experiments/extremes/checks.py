@@ -6,22 +6,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from study.evidence import Evidence, Tables, Unjudged, provided, worst
+from study.evidence import Evidence, Tables, Unjudged, pick_worst, require_preconditions
 
-LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measured_tool_limit")
+LIMIT_NAMES = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measured_tool_limit")
 
 
 def outcomes(tables: Tables, table: str) -> Evidence:
     """How many points are called wrong, or are tried but have no finite bound plus allowance that holds."""
     data = tables[table]
-    outcome, error, bound = (data[name].values for name in ("outcome", "true_error", "guaranteed"))
+    outcome = data["outcome"].values
+    error = data["true_error"].values
+    bound = data["guaranteed"].values
     allowed = bound + data["allowance"].values
+    # A point is right only if error <= bound + allowance is true of numbers; one that was refused has none
     valid = np.isfinite(allowed) & (error <= allowed)
     untried = (outcome == "refused") & np.isnan(error) & np.isnan(bound)
     wrong = ~(valid | untried) | (outcome == "wrong") | (data["tool"].values == "wrong")
     names = data["axis_of"].values
     rows = {str(name): float(np.count_nonzero(wrong[names == name])) for name in data["axis"].values}
-    return worst(rows, "wrong points on an axis", 0.0, False)
+    return pick_worst(rows, "wrong points on an axis", 0.0, False)
 
 
 def no_earlier(tables: Tables, table: str) -> Evidence:
@@ -29,14 +32,16 @@ def no_earlier(tables: Tables, table: str) -> Evidence:
 
     NaN stands for a prediction that all is right everywhere.
     """
-    data, rows = tables[table], {}
+    data = tables[table]
+    rows = {}
     for name in data["axis"].values:
         values = data["value"].values[data["axis_of"].values == name]
+        # -1 where values fall towards the extreme, so that `sign` times them always rises
         sign = 1 if values[-1] > values[0] else -1
-        pairs = [[float(data[key].sel(axis=name)) for key in pair] for pair in LIMITS]
+        pairs = [[float(data[key].sel(axis=name)) for key in pair] for pair in LIMIT_NAMES]
         early = [np.isfinite(measured) and not sign * measured >= sign * limit for limit, measured in pairs]
         rows[str(name)] = float(sum(early))
-    return worst(rows, "limits of an axis met too early", 0.0, False)
+    return pick_worst(rows, "limits of an axis met too early", 0.0, False)
 
 
 def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evidence:
@@ -45,45 +50,56 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
     `nearest` has, by axis, the relative distance from the limit at which values have to be tried. Raises
     Unjudged if on either side of a limit none was.
     """
-    data, rows, untried = tables[table], {}, []
+    data = tables[table]
+    rows = {}
+    untried = []
     for axis, distance in nearest.items():
-        here = data["axis_of"].values == axis
-        share = data["value"].values[here] / float(data["predicted_limit"].sel(axis=axis))
-        wrong = (data["outcome"].values[here] == "right") != (share < 1)
+        on_axis = data["axis_of"].values == axis
+        share = data["value"].values[on_axis] / float(data["predicted_limit"].sel(axis=axis))
+        wrong = (data["outcome"].values[on_axis] == "right") != (share < 1)
         rows[axis] = float(np.count_nonzero(wrong))
         untried += [
             f"{near:g} of the limit was not tried on the axis {axis}"
             for near in (1 - distance, 1 + distance)
             if not np.isclose(share, near, rtol=1e-9).any()
         ]
-    evidence = worst(rows, r"values of $\rho$ that fail below the limit or converge above it", 0.0, False)
-    return provided(evidence, untried)
+    evidence = pick_worst(
+        rows, r"values of $\rho$ that fail below the limit or converge above it", 0.0, False
+    )
+    return require_preconditions(evidence, untried)
 
 
-def power(tables: Tables, table: str, axis: str, below: float, exponent: float, most: float) -> Evidence:
+def power_law(
+    tables: Tables, table: str, axis: str, max_value: float, exponent: float, at_most: float
+) -> Evidence:
     """How far the slope of the numbers over the values, both as logarithms, is from an exponent."""
     data = tables[table]
-    value, number = data["value"].values, data["measured"].values
-    kept = (data["axis_of"].values == axis) & (value <= below) & np.isfinite(number)
-    if np.count_nonzero(kept) < 2:
+    value = data["value"].values
+    number = data["measured"].values
+    is_fitted = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
+    if np.count_nonzero(is_fitted) < 2:
         raise Unjudged(f"fewer than two numbers are known on the axis {axis}")
-    slope = np.polyfit(np.log(value[kept]), np.log(number[kept]), 1)[0]
-    rows = {f"slope over {np.count_nonzero(kept)} values": abs(float(slope) - exponent)}
-    return worst(rows, f"how far the slope is from {exponent:g}", most, False)
+    # number ~ value^slope
+    slope = np.polyfit(np.log(value[is_fitted]), np.log(number[is_fitted]), 1)[0]
+    rows = {f"slope over {np.count_nonzero(is_fitted)} values": abs(float(slope) - exponent)}
+    return pick_worst(rows, f"how far the slope is from {exponent:g}", at_most, False)
 
 
-def floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
+def rounding_floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
     """How many numbers are beyond a factor of their predictions, and 1 if they grow no faster than these.
 
     The numbers themselves are round-off, which differs between CPUs; they are among the lines.
     """
     data = tables[table].isel(point=tables[table]["axis_of"].values == axis)
-    value, number, expected = (data[name].values for name in ("value", "measured", "predicted"))
+    value = data["value"].values
+    number = data["measured"].values
+    expected = data["predicted"].values
+    # number/expected outside [1/factor, factor], or NaN
     beyond = ~(np.abs(np.log(number / expected)) <= np.log(factor))
     slope = float(np.polyfit(np.log(expected), np.log(number), 1)[0])
     rows = {
-        f"{where:g}: {found:.2g} for {told:.2g}": float(each)
-        for where, found, told, each in zip(value, number, expected, beyond, strict=True)
+        f"{where:g}: {measured:.2g} for {predicted:.2g}": float(is_beyond)
+        for where, measured, predicted, is_beyond in zip(value, number, expected, beyond, strict=True)
     }
     rows[f"slope {slope:.2g}"] = float(not slope > 1)
-    return worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)
+    return pick_worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)

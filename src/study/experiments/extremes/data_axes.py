@@ -16,145 +16,160 @@ import numpy as np
 from numpy.typing import DTypeLike
 from scipy.linalg import solve_triangular
 
-from study.experiments.extremes.outcome import Axis, Budget, crossing
+from study.experiments.extremes.outcome import Axis, Budget, find_crossing
 from study.experiments.extremes.problem import (
     ExtremeProblem,
-    condensed,
-    full,
-    made,
-    on_square,
-    place,
+    cell_middles,
+    condense_mesh,
+    full_contact,
+    pose_on_square,
+    pose_solution,
     structured_square,
-    waves,
+    wave_contact,
 )
-from study.uzawa_variants import AS_MEANT, AS_PRINTED, iterate
+from study.uzawa_variants import AS_MEANT, AS_PRINTED, iterate_variant
 from unilateral.arrays import Array
-from unilateral.fem.linear_systems import elimination_order, factorise, last_block
+from unilateral.fem.linear_systems import elimination_order, factorise, schur_factor
 from unilateral.fem.spaces import DualOperator, mixed_spaces
-from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.partition import Partition, make_uniform_partition
 from unilateral.geometry.polygon import square
-from unilateral.solvers.uzawa import DIVERGED, LEAST, DualResult, residual_bound
-from unilateral.solvers.uzawa_steps import STEPS
+from unilateral.solvers.uzawa import MAX_RESIDUAL, SMALLEST_NORMAL, DualResult, residual_bound
+from unilateral.solvers.uzawa_steps import STEP_METHODS
 
-TOUCH = 1 / 3
-SCALES = 1e-10
+TOUCHING_POINT = 1 / 3
+MAX_SCALING_CHANGE = 1e-10
 """If the data are multiplied by a number, so has to be the multiplier, up to this relative difference."""
 
 
-def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def data_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f and g are multiplied by the value.
 
     The number tells how far the active set's lambda_H is from that of the value 1, multiplied alike.
     """
 
     def pose(times: float) -> ExtremeProblem:
-        return on_square(h, H, waves, times)
+        """The problem with all data multiplied by `times`."""
+        return pose_on_square(h, H, wave_contact, times)
 
     def change(times: float, problem: ExtremeProblem, mu: Array) -> float:
+        """max |mu - lambda_H| / max lambda_H, without overflow."""
         unit = problem.lambda_H.max()
         return float(np.abs(mu / unit - problem.lambda_H / unit).max())
 
     unit = pose(1.0)
     downwards = values[-1] < values[0]
-    limit = LEAST / budget.tolerance(unit) if downwards else DIVERGED / first_residual(unit)
-    return Axis(pose=pose, measure=change, predicted=0.0, slack=SCALES, limit=limit, tool_limit=limit)
+    # Both grow like the data: the tolerance has to be a normal number, the first residual below MAX_RESIDUAL
+    limit = SMALLEST_NORMAL / budget.tolerance(unit) if downwards else MAX_RESIDUAL / first_residual(unit)
+    return Axis(
+        pose=pose, measure=change, predicted=0.0, max_change=MAX_SCALING_CHANGE, limit=limit, tool_limit=limit
+    )
 
 
-def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def start_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda^0 has that size everywhere, and |boundary|^(1/2) times it in L2.
 
-    It is refused if its norm in L2 is above DIVERGED; below that the steps grow like the size's logarithm.
+    It is refused if its norm in L2 is above MAX_RESIDUAL; below that the steps grow like its logarithm.
     """
-    problem = on_square(h, H, waves)
-    limit = DIVERGED / float(np.sqrt(square().perimeter))
+    problem = pose_on_square(h, H, wave_contact)
+    limit = MAX_RESIDUAL / float(np.sqrt(square().perimeter))
     return Axis(
         pose=lambda size: problem,
-        measure=_count_loaded,
+        measure=_count_loaded_cells,
         start=lambda size, problem: size,
         limit=limit,
         tool_limit=limit,
     )
 
 
-def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def flat_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda = 0 and u = g on that share of the boundary, reached from above."""
 
     def pose(share: float) -> ExtremeProblem:
+        """The problem with flat contact on that share."""
+
         def contact(partition: Partition) -> tuple[Array, Array]:
-            lambda_H, gap = waves(partition)
-            kept = place(partition) > share
-            return lambda_H * kept, gap * kept
+            """lambda_H and the gap, both 0 on the cells up to that share."""
+            lambda_H, gap = wave_contact(partition)
+            is_loaded = cell_middles(partition) > share
+            return lambda_H * is_loaded, gap * is_loaded
 
-        return on_square(h, H, contact)
+        return pose_on_square(h, H, contact)
 
-    return Axis(pose=pose, measure=_count_loaded, start=_from_one)
+    return Axis(pose=pose, measure=_count_loaded_cells, start=_start_from_one)
 
 
-def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def touching_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda = 0, and the gap is 0 at one point inside a cell, on which lambda^0 = 1; the axis is H.
 
-    The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
-    third of the cell from one of its ends.
+    The gap is 1 - cos(pi (s - 1/3) / 2): the cell's mean is (pi H)^2/72 to leading order, as 1/3 is a third
+    of the cell from one of its ends.
     """
 
     def contact(partition: Partition) -> tuple[Array, Array]:
-        integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi
+        """lambda_H = 0, and the cell means of the gap by the antiderivative of the cosine."""
+        integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCHING_POINT))) * 2 / np.pi
         return np.zeros(partition.n_cells), 1 - integral / partition.lengths
 
-    def on_the_cell(size: float, problem: ExtremeProblem) -> Array:
+    def start_on_cell(size: float, problem: ExtremeProblem) -> Array:
+        """lambda^0 = 1 on the cell with the touching point, else 0."""
         points = problem.spaces.partition.points
-        return ((points[:-1] < TOUCH) & (points[1:] > TOUCH)).astype(float)
+        return ((points[:-1] < TOUCHING_POINT) & (points[1:] > TOUCHING_POINT)).astype(float)
 
     def smallest_gap(size: float, problem: ExtremeProblem, mu: Array) -> float:
+        """The least cell mean of u_h - g."""
         return float(problem.spaces.operator.gap(mu, problem.discrete.offset).min())
 
     return Axis(
-        pose=lambda size: on_square(size * h / H, size, contact),
+        pose=lambda size: pose_on_square(size * h / H, size, contact),
         measure=smallest_gap,
-        start=on_the_cell,
+        start=start_on_cell,
         predicted=(np.pi * values) ** 2 / 72,
     )
 
 
-def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def shrinking_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = 0, and g = -1 but for a hat 4 high, of that width over H: from H/2 downwards no cell is loaded."""
-    mesh, partition = structured_square(h), uniform(square(), H)
-    D = mixed_spaces(condensed(mesh), partition).operator.D
+    mesh = structured_square(h)
+    partition = make_uniform_partition(square(), H)
+    D = mixed_spaces(condense_mesh(mesh), partition).operator.D
     unit = square().area / square().perimeter
 
     def pose(width: float) -> ExtremeProblem:
+        """The problem whose g is a hat of that width on one cell: lambda_H is the load there, if g > 0."""
         g = np.where(np.arange(partition.n_cells) == 1, 2 * width - 1, -1.0)
         loaded = np.maximum(g, 0) * partition.lengths / np.diag(D)
         gap = D @ loaded / partition.lengths - g
-        return made(mesh, partition, loaded / unit, np.where(loaded > 0, 0.0, gap))
+        return pose_solution(mesh, partition, loaded / unit, np.where(loaded > 0, 0.0, gap))
 
-    return Axis(pose=pose, measure=_count_loaded, predicted=(values > 0.5).astype(float))
+    return Axis(pose=pose, measure=_count_loaded_cells, predicted=(values > 0.5).astype(float))
 
 
-def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def vertex_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Contact on two opposite sides and a gap on the others: all vertices are transitions; the axis is H."""
 
     def contact(partition: Partition) -> tuple[Array, Array]:
-        here = partition.side % 2 == 0
-        return full(partition)[0] * here, 1.0 * ~here
+        """Contact on the sides with even numbers, and the gap 1 on the others."""
+        has_contact = partition.side % 2 == 0
+        return full_contact(partition)[0] * has_contact, 1.0 * ~has_contact
 
-    return Axis(pose=lambda size: on_square(size * h / H, size, contact), measure=_count_loaded)
+    return Axis(pose=lambda size: pose_on_square(size * h / H, size, contact), measure=_count_loaded_cells)
 
 
-def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def zero_data_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
 
     def pose(size: float) -> ExtremeProblem:
-        return on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
+        """The problem with f = g = 0 on cells of that size."""
+        return pose_on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
 
-    return Axis(pose=pose, measure=_count_loaded, start=_from_one, predicted=0.0)
+    return Axis(pose=pose, measure=_count_loaded_cells, start=_start_from_one, predicted=0.0)
 
 
-def _from_one(value: float, problem: ExtremeProblem) -> float:
+def _start_from_one(value: float, problem: ExtremeProblem) -> float:
     return 1.0
 
 
-def _count_loaded(value: float, problem: ExtremeProblem, mu: Array) -> float:
+def _count_loaded_cells(value: float, problem: ExtremeProblem, mu: Array) -> float:
     """How many cells the active set loads."""
     return float(np.count_nonzero(mu > problem.rounding * problem.norm(problem.u)))
 
@@ -162,33 +177,33 @@ def _count_loaded(value: float, problem: ExtremeProblem, mu: Array) -> float:
 def first_residual(problem: ExtremeProblem) -> float:
     """The first residual of plain Uzawa from 0, ||min(0, rho F(0))||_0."""
     operator = problem.spaces.operator
-    rho = STEPS["uzawa"].share / operator.lambda_max
+    rho = STEP_METHODS["uzawa"].rho_factor / operator.lambda_max
     return float(np.linalg.norm(np.sqrt(operator.H_i) * np.minimum(0, rho * problem.discrete.offset)))
 
 
 # The step: rho over 2/lambda_max(S).
 
 
-def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def full_step_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Full contact, where 1 is the limit: above it the clip leaves a bounded cycle."""
-    return _steps_as_meant(on_square(h, H, full), budget)
+    return _meant_step_axis(pose_on_square(h, H, full_contact), budget)
 
 
-def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def partial_step_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Contact on three intervals, where 1 is proved to be safe; larger steps may do."""
-    problem = on_square(h, H, waves)
-    return replace(_steps_as_meant(problem, budget), local_limit=local_limit(problem))
+    problem = pose_on_square(h, H, wave_contact)
+    return replace(_meant_step_axis(problem, budget), local_limit=local_limit(problem))
 
 
-def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def full_printed_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Full contact with the printed index: z^2 - z + rho sigma = 0 halves the range."""
-    return _steps_as_printed(on_square(h, H, full), budget)
+    return _printed_step_axis(pose_on_square(h, H, full_contact), budget)
 
 
-def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def partial_printed_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Contact on three intervals, printed index; the half is proved as long as the clip is not active."""
-    problem = on_square(h, H, waves)
-    return replace(_steps_as_printed(problem, budget), local_limit=0.5 * local_limit(problem))
+    problem = pose_on_square(h, H, wave_contact)
+    return replace(_printed_step_axis(problem, budget), local_limit=0.5 * local_limit(problem))
 
 
 def local_limit(problem: ExtremeProblem) -> float:
@@ -196,92 +211,106 @@ def local_limit(problem: ExtremeProblem) -> float:
 
     The loaded cells alone decide once no other cell is loaded again.
     """
-    loaded, S = np.flatnonzero(problem.lambda_H), problem.spaces.operator.S
+    loaded = np.flatnonzero(problem.lambda_H)
+    S = problem.spaces.operator.S
     return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(loaded, loaded)])[-1])
 
 
-def _steps_as_meant(problem: ExtremeProblem, budget: Budget) -> Axis:
+def _meant_step_axis(problem: ExtremeProblem, budget: Budget) -> Axis:
     """The axis of all algorithms; the number is the relative error left by plain Uzawa after all steps."""
 
-    def left(share: float, problem: ExtremeProblem, mu: Array) -> float:
-        return problem.error(_iterate(problem, share, budget, AS_MEANT)) / problem.size
+    def remaining_error(share: float, problem: ExtremeProblem, mu: Array) -> float:
+        """The relative error of plain Uzawa's last iterate."""
+        return problem.error(_iterate_uzawa(problem, share, budget, AS_MEANT)) / problem.size
 
-    return Axis(pose=lambda share: problem, measure=left, sets_rho=True, limit=1.0)
+    return Axis(pose=lambda share: problem, measure=remaining_error, sets_rho=True, limit=1.0)
 
 
-def _steps_as_printed(problem: ExtremeProblem, budget: Budget) -> Axis:
+def _printed_step_axis(problem: ExtremeProblem, budget: Budget) -> Axis:
     """The axis of the iteration itself, with the bound and the relative error of its last iterate."""
     return Axis(
         pose=lambda share: problem,
         measure=lambda share, problem, mu: problem.error(mu) / problem.size,
-        run=lambda share, problem: _with_bound(
-            problem, _iterate(problem, share, budget, AS_PRINTED), share, budget
+        run=lambda share, problem: _bound_iterate(
+            problem, _iterate_uzawa(problem, share, budget, AS_PRINTED), share, budget
         ),
         limit=0.5,
     )
 
 
-def _iterate(problem: ExtremeProblem, share: float, budget: Budget, variant: str) -> Array:
+def _iterate_uzawa(problem: ExtremeProblem, share: float, budget: Budget, variant: str) -> Array:
     """Uzawa's last iterate lambda (m,), with rho that share of 2/lambda_max(S)."""
     operator = problem.spaces.operator
     rho = share * 2 / operator.lambda_max
-    return iterate(operator, problem.discrete.offset, rho, budget.max_steps, variant)
+    return iterate_variant(operator, problem.discrete.offset, rho, budget.max_steps, variant)
 
 
-def _with_bound(problem: ExtremeProblem, mu: Array, share: float, budget: Budget) -> DualResult:
+def _bound_iterate(problem: ExtremeProblem, mu: Array, share: float, budget: Budget) -> DualResult:
     """A last iterate with the bound of its residual, with rho that share of 2/lambda_max(S)."""
     operator = problem.spaces.operator
     rho = share * 2 / operator.lambda_max
     bound = residual_bound(operator, problem.discrete.offset, mu, rho)
-    return DualResult(mu, budget.max_steps, 0, bound, bound <= budget.tolerance(problem), rho, "uzawa")
+    return DualResult(
+        lambda_H=mu,
+        iterations=budget.max_steps,
+        operator_applications=0,
+        bound=bound,
+        converged=bound <= budget.tolerance(problem),
+        rho=rho,
+        algorithm="uzawa",
+    )
 
 
 # The precision, in full contact.
 
 
-def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
+def single_precision_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """The axis is H, h in proportion; the number is the floor of lambda's relative L2 error in float32."""
-    return _floors(values, h / H, budget, np.float32)
+    return _precision_axis(values, h / H, budget, np.float32)
 
 
-def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    """The same as `single`, in float64."""
-    return _floors(values, h / H, budget, np.float64)
+def double_precision_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The axis of H, h in proportion, with the floor of lambda's relative L2 error in float64."""
+    return _precision_axis(values, h / H, budget, np.float64)
 
 
-def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
+def _precision_axis(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
     """The axis of a precision, judged by the bound in float64 with rho = 1/lambda_max(S).
 
     Predicted are the floor epsilon cond(S), in L2, and the limit by the bound there.
     """
-    problems = {size: on_square(h_over_H * size, size, full) for size in values.tolist()}
+    problems = {size: pose_on_square(h_over_H * size, size, full_contact) for size in values.tolist()}
     unit_roundoff = 0.5 * float(np.finfo(precision).eps)
+    # epsilon cond(S), and the bound that an error of this size has
     floors = np.array([unit_roundoff * problem.condition for problem in problems.values()])
-    bounds = floors * [bound_of_floor(problem) for problem in problems.values()]
+    bounds = floors * [bound_per_error(problem) for problem in problems.values()]
 
     def run(size: float, problem: ExtremeProblem) -> DualResult:
-        mu = iterate_in(problem, operator_in(problem, precision), budget.max_steps)
-        return _with_bound(problem, mu, 0.5, budget)
+        """The last iterate in that precision, with its bound in float64."""
+        mu = iterate_in_precision(problem, round_operator(problem, precision), budget.max_steps)
+        return _bound_iterate(problem, mu, 0.5, budget)
 
     return Axis(
         pose=lambda size: problems[size],
         measure=lambda size, problem, mu: problem.distance(mu, problem.lambda_H),
         run=run,
         predicted=floors,
-        limit=crossing(values, bounds, budget.accuracy),
+        limit=find_crossing(values, bounds, budget.accuracy),
     )
 
 
-def operator_in(problem: ExtremeProblem, precision: DTypeLike) -> DualOperator:
+def round_operator(problem: ExtremeProblem, precision: DTypeLike) -> DualOperator:
     """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
-    spaces, boundary = problem.spaces, problem.spaces.mesh.boundary
+    spaces = problem.spaces
+    boundary = problem.spaces.mesh.boundary
     A = spaces.condensed.A.astype(precision)
-    cholesky = last_block(factorise(A, elimination_order(A, boundary)), len(boundary))
+    cholesky = schur_factor(factorise(A, elimination_order(A, boundary)), len(boundary))
+    # A_3 = R^T R, D = B A_3^{-1} B^T = half^T half with half = R^{-T} B^T
     half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
-    return replace(spaces.operator, half=half, H_i=spaces.partition.lengths.astype(precision))
+    return replace(spaces.operator, D_factor=half, H_i=spaces.partition.lengths.astype(precision))
 
 
-def bound_of_floor(problem: ExtremeProblem) -> float:
+def bound_per_error(problem: ExtremeProblem) -> float:
     """How large the bound with rho = 1/lambda_max(S) may be, over `size`, per relative error e in L2.
 
     In full contact R = rho S e, so ||R||_0 <= ||e||_0 and ||R||_S <= lambda_max^(1/2) ||e||_0.
@@ -291,11 +320,13 @@ def bound_of_floor(problem: ExtremeProblem) -> float:
     return float(np.sqrt(operator.lambda_max) * (1 + np.sqrt(problem.condition))) * in_L2 / problem.size
 
 
-def iterate_in(problem: ExtremeProblem, operator: DualOperator, steps: int) -> Array:
+def iterate_in_precision(problem: ExtremeProblem, operator: DualOperator, steps: int) -> Array:
     """Uzawa's last iterate lambda (m,), every operation in the operator's precision."""
     root = np.sqrt(operator.H_i)
-    S, b = operator.S, (root * problem.discrete.offset).astype(root.dtype)
+    S = operator.S
+    b = (root * problem.discrete.offset).astype(root.dtype)
     rho = root.dtype.type(1.9 / operator.lambda_max)
+    # (5.1)-(5.3) in y = H_i^{1/2} lambda: y <- max(0, y - rho (S y + b))
     y = np.zeros_like(b)
     for _ in range(steps):
         y = np.maximum(0, y - rho * (S @ y + b))

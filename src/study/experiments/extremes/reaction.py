@@ -20,17 +20,17 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import energy_norm, gradients, stiffness_and_mass
-from unilateral.fem.quadrature import symmetric
-from unilateral.formulas.formula import real
+from unilateral.fem.quadrature import symmetric_rule
+from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.build import problem_of_arguments
+from unilateral.problems.build import make_problem
 from unilateral.problems.problem import Problem
 from unilateral.solution.solver import Solver
 
-BOTTOM, RIGHT, TOP, LEFT = range(4)
+BOTTOM_SIDE, RIGHT_SIDE, TOP_SIDE, LEFT_SIDE = range(4)
 """The sides of the unit square."""
-SMOOTH = "sin(x)*y + x**2"
-DEGREE = 8
+SMOOTH_FORMULA = "sin(x)*y + x**2"
+ERROR_RULE_DEGREE = 8
 """The degree of the quadrature of smooth errors."""
 VANISHING_C = 1e-300
 """Stands for c = 0 in closed forms, which are quotients of numbers that vanish with c."""
@@ -38,27 +38,27 @@ VANISHING_C = 1e-300
 
 @dataclass(frozen=True)
 class SmoothCase:
-    """u = sin(x) y + x^2 for every c, given on all sides, or with `contact` on x = 1 and y = 1.
+    """u = sin(x) y + x^2 for every c, given on all sides, or with `has_contact` on x = 1 and y = 1.
 
     There g = u, and du/dn is not negative.
     """
 
-    contact: bool
+    has_contact: bool
 
     def pose(self, mesh: Mesh, c: float) -> Problem:
         """The problem with this u, whose Laplacian is 2 - sin(x) y."""
-        contact_sides = (RIGHT, TOP) if self.contact else ()
-        return problem_of_arguments(
+        contact_sides = (RIGHT_SIDE, TOP_SIDE) if self.has_contact else ()
+        return make_problem(
             mesh,
-            f=f"sin(x)*y - 2 + {c!r}*({SMOOTH})",
-            g=[SMOOTH if side in contact_sides else None for side in range(4)],
-            u={side: SMOOTH for side in range(4) if side not in contact_sides},
+            f=f"sin(x)*y - 2 + {c!r}*({SMOOTH_FORMULA})",
+            g=[SMOOTH_FORMULA if side in contact_sides else None for side in range(4)],
+            u={side: SMOOTH_FORMULA for side in range(4) if side not in contact_sides},
             c=c,
         )
 
     def error(self, mesh: Mesh, u_h: Array, c: float) -> float:
         """|||u - u_h||| of the values u_h (n,) at nodes, by quadrature on every triangle."""
-        barycentric, weights = symmetric(DEGREE)
+        barycentric, weights = symmetric_rule(ERROR_RULE_DEGREE)
         x, y = np.moveaxis(barycentric @ mesh.points[mesh.triangles], -1, 0)
         nodal = u_h[mesh.triangles]
         slopes = np.einsum("tid,ti->td", gradients(mesh), nodal)
@@ -91,12 +91,12 @@ class StepCase:
 
         Their rounding changes u by at most 2^-53 max |w|, and its error by less than 0.1 % up to c = 1e16.
         """
-        return problem_of_arguments(
+        return make_problem(
             mesh,
             f=c * self.w(mesh.points[:, 0]) + self.s(c),
             g=None,
-            free_sides=[BOTTOM, TOP],
-            u={RIGHT: 0, LEFT: 0},
+            free_sides=[BOTTOM_SIDE, TOP_SIDE],
+            u={RIGHT_SIDE: 0, LEFT_SIDE: 0},
             c=c,
         )
 
@@ -111,10 +111,13 @@ class StepCase:
         w = self.w(mesh.points[:, 0])
         e = w - u_h
         stiffness, mass = stiffness_and_mass(mesh)
+        # s (1, e) - (grad w, grad e), for |||u - u_h|||^2 = |||u - w|||^2 + 2 mixed + |||e|||^2
         mixed = s * mass.sum(axis=0) @ e - w @ (stiffness @ e)
-        return math.sqrt(self.distance_from_w(mesh, c) + 2 * mixed + energy_norm(mesh, e, Form(c=c)) ** 2)
+        return math.sqrt(
+            self.squared_distance_to_w(mesh, c) + 2 * mixed + energy_norm(mesh, e, Form(c=c)) ** 2
+        )
 
-    def distance_from_w(self, mesh: Mesh, c: float) -> float:
+    def squared_distance_to_w(self, mesh: Mesh, c: float) -> float:
         """|||u - w|||^2.
 
         -(u - w)'' + c (u - w) = s + sum_i J_i delta(x - x_i) with the jumps J_i of w' at x_i. So
@@ -139,9 +142,9 @@ class StepCase:
         return float(s**2 * p_integral + 2 * s * jumps @ p + jumps @ G @ jumps)
 
 
-CASES: dict[str, SmoothCase | StepCase] = {
-    "smooth, clamped": SmoothCase(contact=False),
-    "smooth, contact": SmoothCase(contact=True),
+REACTION_CASES: dict[str, SmoothCase | StepCase] = {
+    "smooth, clamped": SmoothCase(has_contact=False),
+    "smooth, contact": SmoothCase(has_contact=True),
     "boundary layers": StepCase(w=np.zeros_like, s=lambda c: 1 + c),
     "time step": StepCase(w=lambda x: x * (1 - x), s=lambda c: 1.0),
 }
@@ -150,14 +153,14 @@ CASES: dict[str, SmoothCase | StepCase] = {
 
 def survey_reaction(study: Mapping[str, Any]) -> xr.Dataset:
     """Errors and bounds of all cases on all meshes, for c = 0 and all other c."""
-    sizes = [real(h, "extremes.reaction.h") for h in study["h"]]
+    sizes = [parse_real(h, "extremes.reaction.h") for h in study["h"]]
     ratios = [0.0, *map(float, study["c_over_k"])]
-    points = [measure(case, h, c) for case in CASES.values() for h in sizes for c in ratios]
-    shape = (len(CASES), len(sizes), len(ratios))
+    points = [measure(case, h, c) for case in REACTION_CASES.values() for h in sizes for c in ratios]
+    shape = (len(REACTION_CASES), len(sizes), len(ratios))
     table = {name: np.array([point[name] for point in points]).reshape(shape) for name in points[0]}
     return xr.Dataset(
         {name: (("case", "mesh", "c_over_k"), values) for name, values in table.items()},
-        coords={"case": list(CASES), "h": ("mesh", sizes), "c_over_k": ratios},
+        coords={"case": list(REACTION_CASES), "h": ("mesh", sizes), "c_over_k": ratios},
     )
 
 
@@ -166,7 +169,10 @@ def measure(case: SmoothCase | StepCase, h: float, c: float) -> dict[str, Any]:
     mesh = structured_square(h)
     try:
         solution = Solver(case.pose(mesh, c), H=2 * h)().bounded
-        bounds = {"cheap_bound": solution.total("h1"), "sharp_bound": solution.total("h1", sharp=True)}
+        bounds = {
+            "cheap_bound": solution.total_bound("h1"),
+            "sharp_bound": solution.total_bound("h1", sharp=True),
+        }
         error = case.error(mesh, solution.u_h, c)
         return {"energy_error": error, **bounds, "message": ""}
     except InputError as fault:

@@ -17,54 +17,55 @@ import xarray as xr
 from scipy.linalg import solve as solve_linear
 
 from study import scenes, tables
-from study.experiments.graded.levels import Row, along_levels
+from study.experiments.graded.levels import GradedRow, tabulate_rows
 from unilateral.arrays import Array, Index
-from unilateral.discrete.condensed import CondensedProblem, solve, with_solution
-from unilateral.discrete.multilevel import refinements
+from unilateral.discrete.condensed import CondensedProblem, discretise_case, solve_condensed_problem
+from unilateral.discrete.multilevel import solve_refinements
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.formulas.formula import real
-from unilateral.geometry.adapted import marked
-from unilateral.geometry.mesh import Mesh, conforming
+from unilateral.formulas.formula import parse_real
+from unilateral.geometry.adapted import mark_triangles
+from unilateral.geometry.mesh import Mesh, build_conforming_mesh
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.plane import cross
 from unilateral.geometry.triangulation_checks import check_areas
-from unilateral.norms.dual import Gram, dual_norm
-from unilateral.norms.exact_errors import Exact, exact
-from unilateral.norms.infsup import infsup
+from unilateral.norms.dual import Gram, build_dual_norm
+from unilateral.norms.exact_errors import CaseProjections, project_case
+from unilateral.norms.infsup import infsup_constants
 from unilateral.norms.resolution import resolution
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.polar_atoms import Polar
+from unilateral.problems.polar_atoms import PolarAtom
 from unilateral.solvers.stop import Stop
 
-WHERE = "graded mesh"
+GRADED_MESH = "graded mesh"
 
 
-def measure_graded(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, adapted: str) -> None:
+def measure_grading(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, adapted: str) -> None:
     """Write the table of all scenes, cases and gradings, and that of the meshes that the bound refines."""
-    chosen, normed = Stop(**stop, algorithm=study["algorithm"]), study["normed"]
+    chosen = Stop(**stop, algorithm=study["algorithm"])
+    normed = study["normed"]
     measured = [run for scene in study["scenes"] for run in measure(scene, normed, chosen)]
-    given = {"graded": study, "stop": stop}
-    tables.save(xr.concat(measured, "run"), errors, "graded", given)
-    tables.save(measure_adapted(study, stop), adapted, "graded", given)
+    parameters = {"graded": study, "stop": stop}
+    tables.save_table(xr.concat(measured, "run"), errors, "graded", parameters)
+    tables.save_table(measure_refinement(study, stop), adapted, "graded", parameters)
 
 
 def measure(scene: Mapping[str, Any], normed: int, stop: Stop) -> Iterator[xr.Dataset]:
-    """What `on_levels` measures, for each case and each kappa of a scene."""
-    radius = real(scene["radius"], "graded.radius")
-    levels = list(scenes.refinements(scenes.coarsest_mesh(scene), scene["mesh"]["levels"]))
-    for case in scenes.cases(scene):
+    """Errors over (level) of each case and each kappa of a scene."""
+    radius = parse_real(scene["radius"], "graded.radius")
+    levels = list(scenes.refine_to_levels(scenes.coarsest_mesh(scene), scene["mesh"]["levels"]))
+    for case in scenes.load_cases(scene):
         vertex = singular_atom(case).side
-        for given in scene["kappas"]:
-            kappa = real(given, "graded.kappas")
-            meshes = [graded(mesh, vertex, radius, kappa) for mesh in levels]
-            found = on_levels(meshes, case, normed, stop).assign_coords(kappa=kappa)
-            yield found.assign(equal_h=("level", [mesh.h for mesh in levels]))
+        for declared_kappa in scene["kappas"]:
+            kappa = parse_real(declared_kappa, "graded.kappas")
+            meshes = [grade_to_vertex(mesh, vertex, radius, kappa) for mesh in levels]
+            errors = measure_levels(meshes, case, normed, stop).assign_coords(kappa=kappa)
+            yield errors.assign(equal_h=("level", [mesh.h for mesh in levels]))
             print(f"{case.name}, kappa = {kappa:g} measured")
 
 
-def graded(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mesh:
+def grade_to_vertex(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mesh:
     """The mesh with nodes within the radius R of a vertex moved from the distance r to R (r/R)^(1/kappa).
 
     Triangles of the size h at the distance r then have a size like h r^(1 - kappa), and angles are bounded
@@ -72,133 +73,144 @@ def graded(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mesh:
     """
     centre = mesh.polygon.vertices[vertex]
     offset = mesh.points - centre
+    # r/R, and 1 beyond R: x -> centre + (x - centre) (r/R)^(1/kappa - 1)
     share = np.minimum(np.hypot(*offset.T) / radius, 1.0)
-    moved = centre + offset * share[:, None] ** (1 / kappa - 1)
-    check_areas(moved, mesh.triangles, WHERE)
-    return conforming(mesh.polygon, moved, mesh.triangles, WHERE)
+    points = centre + offset * share[:, None] ** (1 / kappa - 1)
+    check_areas(points, mesh.triangles, GRADED_MESH)
+    return build_conforming_mesh(mesh.polygon, points, mesh.triangles, GRADED_MESH)
 
 
-def singular_atom(case: ExactSolution) -> Polar:
+def singular_atom(case: ExactSolution) -> PolarAtom:
     """The case's only atom at a vertex."""
-    (atom,) = (atom for atom in case.atoms if isinstance(atom, Polar))
+    (atom,) = [atom for atom in case.atoms if isinstance(atom, PolarAtom)]
     return atom
 
 
-def cells_of(mesh: Mesh) -> Partition:
+def two_edge_cells(mesh: Mesh) -> Partition:
     """The partition with two boundary edges in each cell. Raises InputError if a side has an odd number."""
     return from_points(mesh.polygon, mesh.s[::2])
 
 
-def on_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, stop: Stop) -> xr.Dataset:
+def measure_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, stop: Stop) -> xr.Dataset:
     """Errors over (level) on nested meshes, and what they depend on.
 
     Where there are more than `normed` cells the dual norm and beta are NaN. One reference mesh serves all
     other levels.
     """
-    spaces = [mixed_spaces(condense(mesh), cells_of(mesh)) for mesh in levels]
-    finest = [each.partition for each in spaces if each.partition.n_cells <= normed][-1]
-    gram, atom = dual_norm(finest, [case]).gram([case]), singular_atom(case)
-    rows = [_errors(each, case, gram, stop) | resolved(each) for each in spaces]
-    for row, each in zip(rows, spaces, strict=True):
-        row["singular_error"] = alone(replace(case, atoms=(atom,)), each)
-    return along_levels(rows).assign_coords(case=case.name, exponent=float(atom.beta))
+    spaces = [mixed_spaces(condense(mesh), two_edge_cells(mesh)) for mesh in levels]
+    finest = [pair.partition for pair in spaces if pair.partition.n_cells <= normed][-1]
+    gram = build_dual_norm(finest, [case]).gram([case])
+    atom = singular_atom(case)
+    rows = [_measure_level(pair, case, gram, stop) | mesh_resolution(pair) for pair in spaces]
+    for row, pair in zip(rows, spaces, strict=True):
+        row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), pair)
+    return tabulate_rows(rows).assign_coords(case=case.name, exponent=float(atom.beta))
 
 
-def _errors(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> Row:
+def _measure_level(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> GradedRow:
     """Errors of the discrete solution; in the dual norm if the forms are of a finer partition."""
-    seen = exact(case, spaces)
-    result = solve(with_solution(spaces, seen), stop).result
-    errors = seen.errors(spaces, result.lambda_H)
+    projections = project_case(case, spaces)
+    result = solve_condensed_problem(discretise_case(spaces, projections), stop).result
+    errors = projections.errors(spaces, result.lambda_H)
     row = {
         "h1_error": errors.h1,
         "discrete_error": errors.hm12_discrete,
-        "weighted_ritz_means": weighted_ritz_means(seen, spaces),
+        "weighted_ritz_means": weighted_ritz_means(projections, spaces),
         "least_multiplier": float(result.lambda_H.min()),
         "algebraic_bound": result.bound,
         "converged": float(result.converged),
         "quadrature_share": errors.quadrature_share,
     }
-    return row | _in_dual_norm(spaces, seen, gram, result.lambda_H)
+    return row | _dual_norm_errors(spaces, projections, gram, result.lambda_H)
 
 
-def _in_dual_norm(spaces: MixedSpaces, seen: Exact, gram: Gram, lambda_H: Array) -> Row:
+def _dual_norm_errors(
+    spaces: MixedSpaces, exact_data: CaseProjections, gram: Gram, lambda_H: Array
+) -> GradedRow:
     if spaces.partition.n_cells > gram.n_cells:
         return dict.fromkeys(("hm12_error_lower", "hm12_error_upper", "beta_lower"), np.nan)
-    form = gram.on(spaces.partition)
-    lower, upper = form.error(0, (seen.means.lambda_means - lambda_H)[None])
-    least = seen.errors(spaces, lambda_H).hm12_discrete
+    form = gram.coarsen(
+        spaces.partition
+    )  # the lower bound is at least D, since ||.||_{-1/2,h} <= ||.||_{-1/2}
+    lower, upper = form.error_bounds(0, (exact_data.cell_means.lambda_means - lambda_H)[None])
+    D = exact_data.errors(spaces, lambda_H).hm12_discrete
     return {
-        "hm12_error_lower": max(float(lower[0]), least),
+        "hm12_error_lower": max(float(lower[0]), D),
         "hm12_error_upper": float(upper[0]),
-        "beta_lower": infsup(spaces.operator, form.p0).beta_lower,
+        "beta_lower": infsup_constants(spaces.operator, form.p0).beta_lower,
     }
 
 
-def alone(singular: ExactSolution, spaces: MixedSpaces) -> float:
+def singular_part_error(singular: ExactSolution, spaces: MixedSpaces) -> float:
     """||z_h - u_h||_1 of a case, were multipliers of both signs allowed."""
-    seen = exact(singular, spaces)
-    return seen.errors(spaces, equality(with_solution(spaces, seen))).hm12_discrete
+    projections = project_case(singular, spaces)
+    return projections.errors(spaces, equality_multiplier(discretise_case(spaces, projections))).hm12_discrete
 
 
-def equality(discrete: CondensedProblem) -> Array:
-    """(m,) the multiplier, of either sign, at which all cell means of u_h - g are 0."""
+def equality_multiplier(discrete: CondensedProblem) -> Array:
+    """The multiplier (m,), of either sign, at which all cell means of u_h - g are 0."""
     root = np.sqrt(discrete.spaces.operator.H_i)
     S = discrete.spaces.operator.S
+    # S y + b = 0 for y = H_i^{1/2} mu and b = H_i^{1/2} offset
     return np.asarray(solve_linear(S, -discrete.offset * root, assume_a="pos") / root)
 
 
-def weighted_ritz_means(seen: Exact, spaces: MixedSpaces) -> float:
+def weighted_ritz_means(exact_data: CaseProjections, spaces: MixedSpaces) -> float:
     """t of Lemma 1: (sum_i H_i^{-1} ||Pi_H(u - z_h)||_{0,i}^2)^{1/2}."""
-    u_means = seen.means.gap_means + seen.means.g_means
-    return float(np.linalg.norm(u_means - spaces.B @ seen.ritz.values / spaces.operator.H_i))
+    # H_i^{-1/2} ||Pi_H(u - z_h)||_{0,i} is the mean of u - z_h on the cell i
+    u_means = exact_data.cell_means.gap_means + exact_data.cell_means.g_means
+    return float(np.linalg.norm(u_means - spaces.B @ exact_data.ritz.boundary_values / spaces.operator.H_i))
 
 
-def resolved(spaces: MixedSpaces) -> Row:
+def mesh_resolution(spaces: MixedSpaces) -> GradedRow:
     """How large the mesh is, its smallest angle, and how finely it resolves the cells."""
-    found = resolution(spaces.mesh, spaces.partition)
-    of_mesh = {"unknowns": float(spaces.mesh.n_nodes), "least_angle": least_angle(spaces.mesh)}
-    return of_mesh | {"delta": found.delta, "alpha_1": found.alpha_1}
+    scales = resolution(spaces.mesh, spaces.partition)
+    sizes = {"unknowns": float(spaces.mesh.n_nodes), "least_angle": smallest_angle(spaces.mesh)}
+    return sizes | {"delta": scales.delta, "alpha_1": scales.alpha_1}
 
 
-def least_angle(mesh: Mesh) -> float:
+def smallest_angle(mesh: Mesh) -> float:
     """The smallest angle of all triangles, in degrees."""
     corners = mesh.points[mesh.triangles]
-    before, after = ((np.roll(corners, shift, axis=1) - corners).reshape(-1, 2) for shift in (1, -1))
-    return float(np.degrees(np.arctan2(cross(after, before), np.sum(after * before, axis=1)).min()))
+    incoming = (np.roll(corners, 1, axis=1) - corners).reshape(-1, 2)
+    outgoing = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
+    return float(np.degrees(np.arctan2(cross(outgoing, incoming), np.sum(outgoing * incoming, axis=1)).min()))
 
 
-def measure_adapted(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dataset:
+def measure_refinement(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dataset:
     """Errors over (case, level), NaN beyond a case's last level.
 
     The algebraic error is a fraction of D, too, not only of ||u - u_h||_1, and so its fraction is squared.
     """
     fine = Stop(**{**stop, "fraction": stop["fraction"] ** 2})
     measured = {
-        case.name: along_levels(list(on_adapted(scene, case, study["adapted"], fine)))
+        case.name: tabulate_rows(list(measure_refined_levels(scene, case, study["adapted"], fine)))
         for scene in study["scenes"]
-        for case in scenes.cases(scene)
+        for case in scenes.load_cases(scene)
     }
     return xr.concat(measured.values(), "case", join="outer").assign_coords(case=list(measured))
 
 
-def where_needed(solution: DiscreteSolution) -> Index:
+def mark_large_shares(solution: DiscreteSolution) -> Index:
     """The triangles that half of the squared bound comes from."""
-    return marked(solution.mesh, solution.shares)
+    return mark_triangles(solution.mesh, solution.bound_shares)
 
 
-def on_adapted(scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop) -> Iterator[Row]:
-    """What is measured on each level, from the scene's coarsest mesh on."""
+def measure_refined_levels(
+    scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop
+) -> Iterator[GradedRow]:
+    """Errors of each level that the bound refines, from the scene's coarsest mesh on."""
     first = scenes.coarsest_mesh(scene)
-    for solution in refinements(case.problem, first, stop, where_needed, unknowns):
+    for solution in solve_refinements(case.problem, first, stop, mark_large_shares, unknowns):
         solution.bound()
-        yield errors_of(case, solution)
+        yield refined_level_errors(case, solution)
 
 
-def errors_of(case: ExactSolution, solution: DiscreteSolution) -> Row:
+def refined_level_errors(case: ExactSolution, solution: DiscreteSolution) -> GradedRow:
     """||u - u_h||_1 and D of a solution, by the case's exact one."""
     mesh = solution.mesh
     spaces = mixed_spaces(condense(mesh), solution.partition)
-    errors = exact(case, spaces).errors(spaces, solution.lambda_H)
+    errors = project_case(case, spaces).errors(spaces, solution.lambda_H)
     return {
         "unknowns": float(mesh.n_nodes),
         "h1_error": errors.h1,

@@ -7,52 +7,57 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from study.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
+from study.evidence import Evidence, Tables, Unjudged, pick_worst, require_preconditions, select_cases
 from study.rates import smallest_rate
 
 
-def rate(
+def theorem_rate(
     tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, tolerance: float
 ) -> Evidence:
     """The smallest asymptotic rate of the cases, against what the theorem proves less a tolerance.
 
     Raises Unjudged if it is reached, but some rate is not judged to hold.
     """
-    judged = _judged(tables, scenes, cases, [norm], H_over_h)
+    judged = _select_judged_rates(tables, scenes, cases, [norm], H_over_h)
     rows = {name: row for name, row in judged.items() if row["verdict"].item() != "exact"}
     if not rows:
         raise Unjudged("there is no rate: all errors are 0")
     smallest = {name: smallest_rate(row) for name, row in rows.items()}
     proved = max(float(row["proved"]) for row in rows.values())
-    return provided(worst(smallest, "the smallest rate", proved - tolerance, True), _faults(rows))
+    return require_preconditions(
+        pick_worst(smallest, "the smallest rate", proved - tolerance, True), _rate_faults(rows)
+    )
 
 
 def not_faster(
-    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, most: float
+    tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, at_most: float
 ) -> Evidence:
     """The largest rate of the finest pair of levels."""
-    found = {name: _finest(row) for name, row in _judged(tables, scenes, cases, [norm], H_over_h).items()}
-    return worst(found, "the largest rate of the finest pair", most, False)
+    finest_rates = {
+        name: _finest_rate(row)
+        for name, row in _select_judged_rates(tables, scenes, cases, [norm], H_over_h).items()
+    }
+    return pick_worst(finest_rates, "the largest rate of the finest pair", at_most, False)
 
 
-def _finest(row: xr.Dataset) -> float:
+def _finest_rate(row: xr.Dataset) -> float:
     """The rate of the finest pair."""
     rates = row["rate"].values
     return float(rates[np.isfinite(rates)][-1])
 
 
-def _judged(
+def _select_judged_rates(
     tables: Tables, scenes: Sequence[str], cases: Sequence[str], norms: Iterable[str], H_over_h: float
 ) -> dict[str, xr.Dataset]:
     """The rows of the tables of rates, by scene, case and norm."""
     return {
         f"{name}, {norm}": rates.sel(h_over_H=1 / H_over_h, norm=norm)
-        for name, rates in by_case(tables, "{scene}/rates", scenes, cases).items()
+        for name, rates in select_cases(tables, "{scene}/rates", scenes, cases).items()
         for norm in norms
     }
 
 
-def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
+def _rate_faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
     """The reasons why rates are not judged to hold."""
     return [
         f"{name}: {row['why'].item() or row['verdict'].item()}"
@@ -61,7 +66,7 @@ def _faults(rows: Mapping[str, xr.Dataset]) -> list[str]:
     ]
 
 
-def expected(
+def rate_excess(
     tables: Tables,
     scenes: Sequence[str],
     cases: Sequence[str],
@@ -72,7 +77,7 @@ def expected(
 
     Raises Unjudged if none is below 0, but a rate is judged to fail, or cannot be judged.
     """
-    judged = _judged(tables, scenes, cases, tolerances, H_over_h)
+    judged = _select_judged_rates(tables, scenes, cases, tolerances, H_over_h)
     rows = {
         name: row
         for name, row in judged.items()
@@ -83,10 +88,10 @@ def expected(
         for name, row in rows.items()
     }
     quantity = "the smallest rate less the expected one, over its tolerance"
-    return provided(worst(excess, quantity, -1.0, True), _faults(rows))
+    return require_preconditions(pick_worst(excess, quantity, -1.0, True), _rate_faults(rows))
 
 
-def attained(
+def finest_rate_excess(
     tables: Tables,
     scenes: Sequence[str],
     cases: Sequence[str],
@@ -95,14 +100,14 @@ def attained(
 ) -> Evidence:
     """The largest excess of the finest pair's rates over the expected ones, in tolerances of its norm."""
     excess = {
-        name: (_finest(row) - float(row["expected"])) / tolerances[row["norm"].item()]
-        for name, row in _judged(tables, scenes, cases, tolerances, H_over_h).items()
+        name: (_finest_rate(row) - float(row["expected"])) / tolerances[row["norm"].item()]
+        for name, row in _select_judged_rates(tables, scenes, cases, tolerances, H_over_h).items()
     }
     quantity = "the rate of the finest pair less the expected one, over its tolerance"
-    return worst(excess, quantity, 1.0, False)
+    return pick_worst(excess, quantity, 1.0, False)
 
 
-def regularity(
+def regularity_rate(
     tables: Tables,
     scenes: Sequence[str],
     orders: Mapping[str, float],
@@ -110,13 +115,13 @@ def regularity(
     tolerances: Mapping[str, float],
 ) -> Evidence:
     """The least excess of the rates of cases over the s of u in H^{1+s}, in tolerances of its norm."""
-    rows = _judged(tables, scenes, list(orders), tolerances, H_over_h)
+    rows = _select_judged_rates(tables, scenes, list(orders), tolerances, H_over_h)
     excess = {
         name: (smallest_rate(row) - orders[row["case"].item()]) / tolerances[row["norm"].item()]
         for name, row in rows.items()
     }
     quantity = "the smallest rate less $s$, over its tolerance"
-    return provided(worst(excess, quantity, -1.0, True), _faults(rows))
+    return require_preconditions(pick_worst(excess, quantity, -1.0, True), _rate_faults(rows))
 
 
 def exactness(
@@ -127,17 +132,22 @@ def exactness(
     Of cases with the order p the expected rate is 2 (p - 1), or the tolerance if that is larger: a rate may
     fall short by the tolerance, but not below 0. Raises Unjudged if a case is in no scene.
     """
-    rows = by_case(tables, "{scene}/totals", scenes, orders)
-    expected = {name: max(2 * (orders[of["case"].item()] - 1), tolerance) for name, of in rows.items()}
-    excess = {name: (float(rate_of_excess(of)) - expected[name]) / tolerance for name, of in rows.items()}
+    rows = select_cases(tables, "{scene}/totals", scenes, orders)
+    expected = {
+        name: max(2 * (orders[totals["case"].item()] - 1), tolerance) for name, totals in rows.items()
+    }
+    excess = {name: (float(index_rate(totals)) - expected[name]) / tolerance for name, totals in rows.items()}
     quantity = "the smallest rate of index − 1 less the expected one, over its tolerance"
-    evidence = worst(excess, quantity, -1.0, True)
+    evidence = pick_worst(excess, quantity, -1.0, True)
     absent = set(orders) - {table["case"].item() for table in rows.values()}
-    return provided(evidence, [f"{case} is in no scene" for case in sorted(absent)])
+    return require_preconditions(evidence, [f"{case} is in no scene" for case in sorted(absent)])
 
 
-def rate_of_excess(totals: xr.Dataset) -> xr.DataArray:
+def index_rate(totals: xr.Dataset) -> xr.DataArray:
     """The rate at which the sharp bound over the error of u, less 1, falls on the last two halvings of h."""
-    excess, h = totals["total_index_u"].isel(mesh=[-3, -1]) - 1, totals["h"].isel(mesh=[-3, -1])
-    of_excess, of_h = (xr.DataArray(np.log(a.isel(mesh=0) / a.isel(mesh=1))) for a in (excess, h))
-    return of_excess / of_h
+    excess = totals["total_index_u"].isel(mesh=[-3, -1]) - 1
+    h = totals["h"].isel(mesh=[-3, -1])
+    # log(excess_1 / excess_2) / log(h_1 / h_2)
+    excess_fall = xr.DataArray(np.log(excess.isel(mesh=0) / excess.isel(mesh=1)))
+    h_fall = xr.DataArray(np.log(h.isel(mesh=0) / h.isel(mesh=1)))
+    return excess_fall / h_fall

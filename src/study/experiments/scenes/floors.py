@@ -13,23 +13,29 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from study import tables
-from study.rates import ZERO
+from study.rates import ZERO_ERROR_SHARE
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.problems import case
 
-FIRST_S = 1.5
+START_S = 1.5
 """The fit starts from this s, the rate of P0 in H^{-1/2} for a smooth lambda."""
 
 
 def fit_floors(errors: str, name: str, ratio: object, floors: str) -> None:
     """Write the fits of a scene's errors, for asymptotic sizes as the cases declare them."""
-    table = tables.load(errors)
-    declared = {each: case.declared(each)[0]["asymptotic"]["h1"]["from"] for each in table["case"].values}
-    starts = {each: real(start, f"case '{each}', asymptotic.h1.from") for each, start in declared.items()}
-    fits = by_case(table, starts, real(ratio, "judged_ratio"))
-    tables.save(fits, floors, name, {"rates.judged_ratio": ratio})
+    table = tables.load_table(errors)
+    declared = {
+        case_name: case.read_case_declaration(case_name)[0]["asymptotic"]["h1"]["from"]
+        for case_name in table["case"].values
+    }
+    starts = {
+        case_name: parse_real(start, f"case '{case_name}', asymptotic.h1.from")
+        for case_name, start in declared.items()
+    }
+    fits = fit_cases(table, starts, parse_real(ratio, "judged_ratio"))
+    tables.save_table(fits, floors, name, {"rates.judged_ratio": ratio})
 
 
 class Floor(NamedTuple):
@@ -43,7 +49,7 @@ class Floor(NamedTuple):
     pairs: int
 
 
-def fit(h: Array, H: Array, error: Array) -> Floor:
+def fit_floor(h: Array, H: Array, error: Array) -> Floor:
     """The fit of errors (k,) at sizes h, H (k,), by least squares of the logarithms.
 
     The uncertainty of s is its standard deviation, from the Jacobian and the residuals' variance. Raises
@@ -54,39 +60,41 @@ def fit(h: Array, H: Array, error: Array) -> Floor:
             f"floors: {len(error)} errors at {len(np.unique(h))} h and {len(np.unique(H))} H; "
             "a fit needs four, at two of each"
         )
-    start = np.array([np.log(np.min(error / h)), np.log(np.min(error / H**FIRST_S)), FIRST_S])
-    least = least_squares(
-        _misfit, start, args=(np.log(h), np.log(H), np.log(error)), xtol=1e-14, ftol=1e-14, gtol=1e-14
+    start = np.array([np.log(np.min(error / h)), np.log(np.min(error / H**START_S)), START_S])
+    fit = least_squares(
+        _log_residuals, start, args=(np.log(h), np.log(H), np.log(error)), xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
+    # (J^T J)^{-1} times the variance of the residuals, by degrees of freedom: errors less parameters
     freedom = len(error) - len(start)
-    covariance = np.linalg.inv(least.jac.T @ least.jac) * (least.fun @ least.fun) / freedom
-    C1, C2 = np.exp(least.x[:2])
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
+    C1, C2 = np.exp(fit.x[:2])
     uncertainty = np.sqrt(covariance[2, 2])
-    largest = np.max(np.abs(least.fun))
-    return Floor(float(C1), float(C2), float(least.x[2]), float(uncertainty), float(largest), len(error))
+    largest = np.max(np.abs(fit.fun))
+    return Floor(float(C1), float(C2), float(fit.x[2]), float(uncertainty), float(largest), len(error))
 
 
-def _misfit(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> Array:
+def _log_residuals(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> Array:
     log_C1, log_C2, s = parameters
+    # log error = log((C1 h)^2 + (C2 H^s)^2) / 2
     model = 0.5 * np.logaddexp(2 * (log_C1 + log_h), 2 * (log_C2 + s * log_H))
     return np.asarray(model - log_error)
 
 
-def by_case(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float) -> xr.Dataset:
+def fit_cases(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: float) -> xr.Dataset:
     """The fits by case, over its asymptotic sizes.
 
     These are as for rates: h, and H times `judged_ratio`, are at most the case's start. Cases with lambda = 0
     are left out, since no part of their error depends on H.
     """
-    zero = errors["projection_error"].max("partition") <= ZERO * errors["u_norm"].max("mesh")
+    zero = errors["projection_error"].max("partition") <= ZERO_ERROR_SHARE * errors["u_norm"].max("mesh")
     cases = [str(case) for case in errors["case"].values if not zero.sel(case=case)]
-    fits = [_of_case(errors.sel(case=case), starts[case], judged_ratio) for case in cases]
-    table = {name: ("case", [getattr(each, name) for each in fits]) for name in Floor._fields}
+    fits = [_fit_case(errors.sel(case=case), starts[case], judged_ratio) for case in cases]
+    table = {name: ("case", [getattr(fit, name) for fit in fits]) for name in Floor._fields}
     return xr.Dataset(table | {"start": ("case", [starts[case] for case in cases])}, coords={"case": cases})
 
 
-def _of_case(errors: xr.Dataset, start: float, judged_ratio: float) -> Floor:
+def _fit_case(errors: xr.Dataset, start: float, judged_ratio: float) -> Floor:
     error = errors["h1_error"].transpose("mesh", "partition").values
     h, H = np.broadcast_arrays(errors["h"].values[:, None], errors["H"].values[None])
     counts = np.isfinite(error) & (np.maximum(h, H * judged_ratio) <= start * (1 + 1e-9))
-    return fit(h[counts], H[counts], error[counts])
+    return fit_floor(h[counts], H[counts], error[counts])

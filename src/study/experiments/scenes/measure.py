@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 
 from study import scenes, tables
-from study.stability_constants import of_runs
-from unilateral.discrete.condensed import solve, with_solution
-from unilateral.discrete.loads import form_of
+from study.stability_constants import lemma_quotients
+from unilateral.discrete.condensed import discretise_case, solve_condensed_problem
+from unilateral.discrete.problem_data import problem_form
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -20,14 +20,14 @@ from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
-from unilateral.norms.infsup import InfSup, infsup
+from unilateral.norms.exact_errors import CaseProjections, ExactErrors, cell_means
+from unilateral.norms.infsup import InfSup, infsup_constants
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.case import ExactSolution
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import forget_peak, peak_mb
 
-PER_RUN = (
+RUN_VARIABLES = (
     "h1_error",
     "hm12_error_lower",
     "hm12_error_upper",
@@ -43,9 +43,9 @@ PER_RUN = (
     "quadrature_share",
     "ritz_means",
 )
-PER_PAIR = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
-PER_CELLS = ("projection_error", "consistency", "consistency_elsewhere")
-PER_CASE = ("u_norm", "interpolation_error", "ritz_error", "ritz_boundary_error")
+PAIR_VARIABLES = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
+PARTITION_VARIABLES = ("projection_error", "consistency", "consistency_elsewhere")
+CASE_VARIABLES = ("u_norm", "interpolation_error", "ritz_error", "ritz_boundary_error")
 
 
 def solve_scene(
@@ -63,22 +63,30 @@ def solve_scene(
 
     `norm` is the file of the dual norm's forms, if errors are measured in it anywhere.
     """
-    gram = Gram.of_table(tables.load(norm)) if norm else None
-    cases, partitions, levels = scenes.cases(scene), scenes.partitions(scene), []
+    gram = Gram.from_table(tables.load_table(norm)) if norm else None
+    cases = scenes.load_cases(scene)
+    partitions = scenes.scene_partitions(scene)
+    solved_levels = []
+    timed_levels = []
     coarsest = scenes.coarsest_mesh(scene)
     write_mesh(coarsest, mesh)
-    for refined in scenes.refinements(coarsest, scene["mesh"]["levels"]):
-        levels.append(sweep(refined, cases, partitions, gram, scenes.limits(scene), Stop(**stop)))
+    for refined in scenes.refine_to_levels(coarsest, scene["mesh"]["levels"]):
+        solved, timed = solve_on_partitions(
+            refined, cases, partitions, gram, scenes.H_over_h_limits(scene), Stop(**stop)
+        )
+        solved_levels.append(solved)
+        timed_levels.append(timed)
         print(f"h = {refined.h:.4g} solved")
-    solved, timed = (tables.along_mesh(each) for each in zip(*levels, strict=True))
-    given = {f"scenes.{name}": scene, "stop": stop}
-    tables.save(solved, solutions, name, given)
-    tables.save(solved.drop_vars("lambda_H"), errors, name, given)
-    tables.save(of_runs(solved), infsup, name, given)
-    tables.save(timed, timings, name, given)
+    solved = tables.join_levels(solved_levels)
+    timed = tables.join_levels(timed_levels)
+    parameters = {f"scenes.{name}": scene, "stop": stop}
+    tables.save_table(solved, solutions, name, parameters)
+    tables.save_table(solved.drop_vars("lambda_H"), errors, name, parameters)
+    tables.save_table(lemma_quotients(solved), infsup, name, parameters)
+    tables.save_table(timed, timings, name, parameters)
 
 
-def sweep(
+def solve_on_partitions(
     mesh: Mesh,
     cases: Sequence[ExactSolution],
     partitions: Sequence[Partition],
@@ -94,49 +102,51 @@ def sweep(
     """
     forget_peak()
     begin = time.perf_counter()
-    condensed = condense(mesh, form_of(cases[0].problem, mesh))
+    condensed = condense(mesh, problem_form(cases[0].problem, mesh))
     sigma_1 = condensed.sigma_1
     condense_seconds = time.perf_counter() - begin
     problems = ritz_projections(cases, condensed)
-    table = _empty(mesh, cases, partitions)
+    table = _empty_table(mesh, cases, partitions)
     table["sigma_1"][:] = sigma_1
-    for c, problem in enumerate(problems):
-        for name in PER_CASE:
-            table[name][c, 0] = getattr(problem, name)
+    for case_index, problem in enumerate(problems):
+        for name in CASE_VARIABLES:
+            table[name][case_index, 0] = getattr(problem, name)
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
+        # The limits count as reached in spite of rounding
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
-        cells = [cell_means(case, partition) for case in cases]
-        for name in PER_CELLS:
-            table[name].values[:, k] = [getattr(each, name) for each in cells]
+        case_means = [cell_means(case, partition) for case in cases]
+        for name in PARTITION_VARIABLES:
+            table[name].values[:, k] = [getattr(means, name) for means in case_means]
         spaces = mixed_spaces(condensed, partition)
         # The dual norm on the partition; where S is singular beta is 0, and no norm is needed
         form = None
-        if not spaces.operator.singular:
+        if not spaces.operator.is_singular:
             if gram is None:
                 raise ValueError("a pair with beta > 0 needs the dual norm's forms")
-            form = gram.on(partition)
-        stability = infsup(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
+            form = gram.coarsen(partition)
+        stability = infsup_constants(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
         values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
-        for name, value in zip(PER_PAIR, values, strict=True):
+        for name, value in zip(PAIR_VARIABLES, values, strict=True):
             table[name][0, k] = value
-        for c, problem in enumerate(problems):
+        for case_index, problem in enumerate(problems):
             begin = time.perf_counter()
-            exact = Exact(problem, cells[c])
-            table["ritz_means"][c, 0, k] = exact.ritz_means(spaces)
-            discrete = with_solution(spaces, exact)
-            solution = solve(discrete, stop, stability.beta_lower)
+            exact = CaseProjections(problem, case_means[case_index])
+            table["ritz_means"][case_index, 0, k] = exact.ritz_means_norm(spaces)
+            discrete = discretise_case(spaces, exact)
+            solution = solve_condensed_problem(discrete, stop, stability.beta_lower)
             errors = exact.errors(spaces, solution.result.lambda_H)
-            seconds[c, 0, k] = time.perf_counter() - begin
-            _record(table, c, k, solution, errors)
-            table["balance"][c, 0, k] = discrete.balance(solution)
+            seconds[case_index, 0, k] = time.perf_counter() - begin
+            _record_run(table, case_index, k, solution, errors)
+            table["balance"][case_index, 0, k] = discrete.balance(solution)
+            # ||e||_{-1/2} of e = lambda - lambda_H lies between both bounds, and above ||e||_{-1/2,h} = D
             if form:
-                difference = cells[c].lambda_means - solution.lambda_H
-                lower, upper = form.error(c, difference[None])
-                table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), errors.hm12_discrete)
-                table["hm12_error_upper"][c, 0, k] = upper[0]
-                table["hm12_best"][c, 0, k] = form.best_approximations[c]
+                difference = case_means[case_index].lambda_means - solution.lambda_H
+                lower, upper = form.error_bounds(case_index, difference[None])
+                table["hm12_error_lower"][case_index, 0, k] = max(float(lower[0]), errors.hm12_discrete)
+                table["hm12_error_upper"][case_index, 0, k] = upper[0]
+                table["hm12_best"][case_index, 0, k] = form.best_approximations[case_index]
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
         {
@@ -149,22 +159,26 @@ def sweep(
     return table, timings
 
 
-def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
-    n, p = len(cases), len(partitions)
+def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
+    n = len(cases)
+    p = len(partitions)
     H = np.array([partition.H for partition in partitions])
-    largest, clamped = max(partition.n_cells for partition in partitions), cases[0].clamped_sides
-    run, grid = ("case", "mesh", "partition"), ("mesh", "partition")
+    largest = max(partition.n_cells for partition in partitions)
+    clamped = cases[0].clamped_sides
+    run = ("case", "mesh", "partition")
+    grid = ("mesh", "partition")
 
-    def unknown(*shape: int) -> np.ndarray:
+    def nan_array(*shape: int) -> np.ndarray:
+        """An array for what is not known yet."""
         return np.full(shape, np.nan)
 
-    variables: dict[str, tuple] = {name: (run, unknown(n, 1, p)) for name in PER_RUN}
-    variables |= {name: (("case", "mesh"), unknown(n, 1)) for name in PER_CASE}
-    variables |= {name: (grid, unknown(1, p)) for name in PER_PAIR}
-    variables |= {name: (("case", "partition"), unknown(n, p)) for name in PER_CELLS}
-    variables["sigma_1"] = ("mesh", unknown(1))
+    variables: dict[str, tuple] = {name: (run, nan_array(n, 1, p)) for name in RUN_VARIABLES}
+    variables |= {name: (("case", "mesh"), nan_array(n, 1)) for name in CASE_VARIABLES}
+    variables |= {name: (grid, nan_array(1, p)) for name in PAIR_VARIABLES}
+    variables |= {name: (("case", "partition"), nan_array(n, p)) for name in PARTITION_VARIABLES}
+    variables["sigma_1"] = ("mesh", nan_array(1))
     variables["algorithm"] = (run, np.full((n, 1, p), "", dtype=object))
-    variables["lambda_H"] = ((*run, "cell"), unknown(n, 1, p, largest))
+    variables["lambda_H"] = ((*run, "cell"), nan_array(n, 1, p, largest))
     return xr.Dataset(
         variables,
         coords={
@@ -181,7 +195,7 @@ def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Part
     )
 
 
-def _record(table: xr.Dataset, c: int, k: int, solution: DiscreteSolution, errors: ExactErrors) -> None:
+def _record_run(table: xr.Dataset, c: int, k: int, solution: DiscreteSolution, errors: ExactErrors) -> None:
     result = solution.result
     values = {
         "h1_error": errors.h1,

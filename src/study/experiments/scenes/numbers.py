@@ -11,151 +11,165 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from study.experiments.scenes.checks import rate_of_excess
-from study.formats import SPACES, TITLES, cells, shown
-from study.rates import NORMS, smallest_rate
-from study.scenes import is_clamped
-from unilateral.formulas.formula import real
-from unilateral.system.declarations import own
+from study.experiments.scenes.checks import index_rate
+from study.formats import ERROR_TITLES, SPACES, format_row, format_value
+from study.rates import ERROR_NORMS, smallest_rate
+from study.scenes import has_clamped_sides
+from unilateral.formulas.formula import parse_real
+from unilateral.system.declarations import read_stored_yaml
 
-CLAIMS = Path(__file__).with_name("claims.yaml")
-NOTHING = "–"
+SCENE_CLAIMS = Path(__file__).with_name("claims.yaml")
+NO_RATE_JUDGED = "–"
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """The rate of u without (j) and without (jj); bounds on totals."""
-    at = {"norm": "h1", "h_over_H": real(study["rates"]["judged_ratio"], "judged_ratio")}
-    without = {
-        case: smallest_rate(results[f"{scene}/rates"].sel(case=case, **at))
+    labels = {"norm": "h1", "h_over_H": parse_real(study["rates"]["judged_ratio"], "judged_ratio")}
+    smallest_rates = {
+        case: smallest_rate(results[f"{scene}/rates"].sel(case=case, **labels))
         for scene, case in (("corners", "violates_j"), ("irregular", "violates_jj"))
     }
-    return {"rates": without, "totals": totals_of_corners(results["corners/totals"])}
+    return {"rates": smallest_rates, "totals": summarise_corner_totals(results["corners/totals"])}
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    ratio = real(study["rates"]["judged_ratio"], "judged_ratio")
-    (exact,) = [claim for claim in own(CLAIMS)["claims"] if claim["id"] == "F.exact"]
+    """The tables of rates, floors and totals of the scenes."""
+    ratio = parse_real(study["rates"]["judged_ratio"], "judged_ratio")
+    (exact,) = [claim for claim in read_stored_yaml(SCENE_CLAIMS)["claims"] if claim["id"] == "F.exact"]
     scenes = [name for name, scene in study["scenes"].items() if scene["judged"]]
-    judged, clamped = apart({name: results[f"{name}/rates"] for name in scenes})
-    bounded, clamped_totals = apart({name: results[f"{name}/totals"] for name in study["totals"]["scenes"]})
+    judged, clamped = split_clamped_scenes({name: results[f"{name}/rates"] for name in scenes})
+    bounded, clamped_totals = split_clamped_scenes(
+        {name: results[f"{name}/totals"] for name in study["totals"]["scenes"]}
+    )
     return {
-        "rates": rates(judged, ratio),
-        "rates-by-case": rates_by_case(judged, ratio),
-        "rates-clamped": rates_by_case(clamped, ratio),
-        "floors": floors(results["square/floors"]),
-        "totals": totals(bounded),
-        "totals-clamped": totals(clamped_totals),
-        "exactness": exactness(bounded, exact["parameters"]),
+        "rates": tabulate_rates(judged, ratio),
+        "rates-by-case": tabulate_rates_by_case(judged, ratio),
+        "rates-clamped": tabulate_rates_by_case(clamped, ratio),
+        "floors": tabulate_floors(results["square/floors"]),
+        "totals": tabulate_totals(bounded),
+        "totals-clamped": tabulate_totals(clamped_totals),
+        "exactness": tabulate_exactness(bounded, exact["parameters"]),
     }
 
 
-def apart(scenes: Mapping[str, xr.Dataset]) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
+def split_clamped_scenes(
+    scenes: Mapping[str, xr.Dataset],
+) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
     """The scenes without clamped sides, and those with some."""
-    clamped = {name: of for name, of in scenes.items() if is_clamped(of["case"].values[0])}
-    return {name: of for name, of in scenes.items() if name not in clamped}, clamped
+    clamped = {name: table for name, table in scenes.items() if has_clamped_sides(table["case"].values[0])}
+    return {name: table for name, table in scenes.items() if name not in clamped}, clamped
 
 
-def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+def tabulate_rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
     """Per scene and case, the smallest asymptotic rate in each norm."""
     first = next(iter(scenes.values()))
-    proved = {norm: float(first["proved"].sel(norm=norm, h_over_H=ratio).max()) for norm in NORMS}
+    proved = {norm: float(first["proved"].sel(norm=norm, h_over_H=ratio).max()) for norm in ERROR_NORMS}
     rows = [
         {"scene": name, "case": f"`{case}`"}
         | {
-            f"{TITLES[norm]} (proved {proved[norm]:g})": observed(
-                found.sel(case=case, norm=norm, h_over_H=ratio)
+            f"{ERROR_TITLES[norm]} (proved {proved[norm]:g})": describe_rate(
+                rates.sel(case=case, norm=norm, h_over_H=ratio)
             )
-            for norm in NORMS
+            for norm in ERROR_NORMS
         }
-        for name, found in scenes.items()
-        for case in found["case"].values
+        for name, rates in scenes.items()
+        for case in rates["case"].values
     ]
     return pd.DataFrame(rows)
 
 
-def observed(of: xr.Dataset) -> str:
-    verdict = of["verdict"].item()
+def describe_rate(rates_row: xr.Dataset) -> str:
+    """The smallest observed rate in words, with the expected one, or why there is none."""
+    verdict = rates_row["verdict"].item()
     if verdict == "exact":
         return "error 0, as exact"
     if verdict == "not judged":
         return str(verdict)
-    pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
+    pairs = int(np.count_nonzero(rates_row["asymptotic"].values == 1))
     suffix = "" if verdict == "holds" else f", **{verdict}**"
     counted = "1 pair" if pairs == 1 else f"{pairs} pairs"
-    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({counted}){suffix}"
+    return f"{smallest_rate(rates_row):.2f} of {float(rates_row['expected']):.3g} ({counted}){suffix}"
 
 
-def rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
     """Per case, the smallest rates of all scenes; a case that is nowhere judged has no row."""
     rows = []
-    for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
-        of = {
-            name: found.sel(case=case, h_over_H=ratio)
-            for name, found in scenes.items()
-            if case in found["case"]
+    for case in dict.fromkeys(case for rates in scenes.values() for case in rates["case"].values):
+        case_rates = {
+            name: rates.sel(case=case, h_over_H=ratio)
+            for name, rates in scenes.items()
+            if case in rates["case"]
         }
-        shown_of = {
-            TITLES[norm]: _smallest([found.sel(norm=norm) for found in of.values()]) for norm in NORMS
+        rate_texts = {
+            ERROR_TITLES[norm]: _describe_smallest_rate(
+                [rates.sel(norm=norm) for rates in case_rates.values()]
+            )
+            for norm in ERROR_NORMS
         }
-        if set(shown_of.values()) != {NOTHING}:
-            rows.append({"case": f"`{case}`", "scenes": ", ".join(of)} | shown_of)
+        if set(rate_texts.values()) != {NO_RATE_JUDGED}:
+            rows.append({"case": f"`{case}`", "scenes": ", ".join(case_rates)} | rate_texts)
     return pd.DataFrame(rows)
 
 
-def _smallest(found: Sequence[xr.Dataset]) -> str:
-    judged = [of for of in found if of["verdict"].item() in ("holds", "fails")]
+def _describe_smallest_rate(rates_rows: Sequence[xr.Dataset]) -> str:
+    judged = [row for row in rates_rows if row["verdict"].item() in ("holds", "fails")]
     if not judged:
-        return "exact" if found[0]["verdict"].item() == "exact" else NOTHING
-    failed = any(of["verdict"].item() == "fails" for of in judged)
-    expected = max(float(of["expected"]) for of in judged)
+        return "exact" if rates_rows[0]["verdict"].item() == "exact" else NO_RATE_JUDGED
+    failed = any(row["verdict"].item() == "fails" for row in judged)
+    expected = max(float(row["expected"]) for row in judged)
     return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
 
 
-FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
+FLOOR_COLUMNS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
     "errors fitted": ("pairs", ".0f"),
     "largest misfit": ("residual", ".2g%"),
 }
 
 
-def floors(fits: xr.Dataset) -> pd.DataFrame:
+def tabulate_floors(fits: xr.Dataset) -> pd.DataFrame:
     """The fit of the errors over the whole (h, H) grid, by case."""
-    of = fits.to_dataframe()
-    table = pd.DataFrame([{"case": f"`{case}`"} | cells(fit, FLOORS) for case, fit in of.iterrows()])
-    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in of["s_uncertainty"]]
+    fit_rows = fits.to_dataframe()
+    table = pd.DataFrame(
+        [{"case": f"`{case}`"} | format_row(fit, FLOOR_COLUMNS) for case, fit in fit_rows.iterrows()]
+    )
+    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in fit_rows["s_uncertainty"]]
     return table
 
 
-INDICES = {
+INDEX_TITLES = {
     "local_index_u": f"cheap, {SPACES['h1']}",
     "total_index_u": f"sharp, {SPACES['h1']}",
     "total_index_lambda": f"sharp, {SPACES['hm12']}",
 }
 
 
-def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
+def tabulate_totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     """The guaranteed bounds on total errors, over the true errors, on the coarsest and the finest level."""
     rows = []
     for name, table in scenes.items():
-        for case, (variable, title) in itertools.product(table["case"].values, INDICES.items()):
+        for case, (variable, title) in itertools.product(table["case"].values, INDEX_TITLES.items()):
             for k in (0, -1):
                 value = float(table[variable].sel(case=case)[k])
-                head = f"{title}, h = {shown(float(table['h'][k]), '1/n')}"
+                head = f"{title}, h = {format_value(float(table['h'][k]), '1/n')}"
                 rows.append((name, f"`{case}`", head, "λ_H exact" if np.isnan(value) else f"{value:.2f}"))
     long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
-    heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
+    heads = long["at"].unique()
+    cases = pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
     return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
 
 
-def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> pd.DataFrame:
+def tabulate_exactness(scenes: Mapping[str, xr.Dataset], claim_parameters: Mapping[str, Any]) -> pd.DataFrame:
     """How fast the sharp bound's index falls to 1, and eta over the error of u on the finest level."""
     rows = []
     for name, table in scenes.items():
-        rates, orders = rate_of_excess(table), claimed["orders"] if name in claimed["scenes"] else {}
-        h = shown(float(table["h"][-1]), "1/n")
+        rates = index_rate(table)
+        orders = claim_parameters["orders"] if name in claim_parameters["scenes"] else {}
+        h = format_value(float(table["h"][-1]), "1/n")
         for case in table["case"].values:
             finest = table.sel(case=case).isel(mesh=-1)
             # Proposition S9: the rate 2 (p - 1); for p = 1 it is only proved that the index falls to 1
-            proved, order = NOTHING, orders.get(case)
+            proved = NO_RATE_JUDGED
+            order = orders.get(case)
             if order is not None:
                 proved = f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
             rows.append(
@@ -171,7 +185,7 @@ def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> p
     return pd.DataFrame(rows)
 
 
-def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:
+def summarise_corner_totals(corners: xr.Dataset) -> dict[str, Any]:
     """The number of meshes with bounds on totals; lambda's bound over its error at the re-entrant vertex."""
     index = corners["total_index_lambda"].sel(case="reentrant").values
     return {"meshes": len(index), "reentrant": {"coarsest": float(index[0]), "finest": float(index[-1])}}

@@ -9,22 +9,28 @@ import numpy as np
 import xarray as xr
 
 from study import scenes, tables
-from study.tables import error_in
+from study.tables import error_in_norm
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.discrete.condensed import with_load
-from unilateral.discrete.loads import case_load, form_of, obstacle_means
+from unilateral.discrete.condensed import build_condensed_problem
+from unilateral.discrete.problem_data import case_load, obstacle_means, problem_form
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import ExactSolution
 
-ZERO = 1e-12
+EXACT_LAMBDA_SHARE = 1e-12
 """An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
-NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u", "local_index_lambda")
+INDEX_VARIABLES = (
+    "total_index_u",
+    "total_index_lambda",
+    "total_index_v",
+    "local_index_u",
+    "local_index_lambda",
+)
 
 
 def bound_totals(
@@ -33,56 +39,62 @@ def bound_totals(
     scene: Mapping[str, Any],
     name: str,
     levels: int,
-    wanted: Sequence[str],
+    case_names: Sequence[str],
     ratio: object,
     totals: str,
 ) -> None:
     """Write the table of the wanted cases on a scene's coarser levels, at the judged h/H."""
-    H_over_h, solved = 1 / real(ratio, "judged_ratio"), tables.load(solutions)
-    partitions = scenes.partitions(scene)
-    cases = [case for case in scenes.cases(scene) if case.name in wanted]
-    meshes = scenes.refinements(scenes.stored_mesh(mesh, scene), levels)
+    H_over_h = 1 / parse_real(ratio, "judged_ratio")
+    solved = tables.load_table(solutions)
+    partitions = scenes.scene_partitions(scene)
+    cases = [case for case in scenes.load_cases(scene) if case.name in case_names]
+    meshes = scenes.refine_to_levels(scenes.read_coarsest_mesh(mesh, scene), levels)
     indices = [
-        over_errors(each, partitions, cases, solved.isel(mesh=[level]), H_over_h)
-        for level, each in enumerate(meshes)
+        tabulate_indices(level_mesh, partitions, cases, solved.isel(mesh=[level]), H_over_h)
+        for level, level_mesh in enumerate(meshes)
     ]
-    given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": wanted}
-    tables.save(tables.along_mesh(indices), totals, name, given | {"rates.judged_ratio": ratio})
+    parameters = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": case_names}
+    tables.save_table(tables.join_levels(indices), totals, name, parameters | {"rates.judged_ratio": ratio})
 
 
-def over_errors(
+def tabulate_indices(
     mesh: Mesh,
     partitions: Sequence[Partition],
     cases: Sequence[ExactSolution],
     solved: xr.Dataset,
     H_over_h: float,
 ) -> xr.Dataset:
-    """Bounds over errors at one H/h, one level long in `mesh`, of what `measure.sweep` solved there.
+    """Bounds over errors at one H/h, one level long in `mesh`, of the solutions in a scene's table.
 
     `total_index_u` and `total_index_lambda` belong to the sharp bounds, `local_index_...` to the cheap ones.
     Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
     takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
-    spaces = mixed_spaces(condense(mesh, form_of(cases[0].problem, mesh)), partitions[k])
-    cells, form, partition = spaces.cells, spaces.condensed.form, spaces.partition
-    indices = np.full((len(NAMES), len(cases), 1), np.nan)
-    for c, case in enumerate(cases):
-        of = solved.sel(case=case.name).isel(mesh=0, partition=k)
-        mu = of["lambda_H"].values[: len(cells)]
+    spaces = mixed_spaces(condense(mesh, problem_form(cases[0].problem, mesh)), partitions[k])
+    cells = spaces.cells
+    form = spaces.condensed.form
+    partition = spaces.partition
+    indices = np.full((len(INDEX_VARIABLES), len(cases), 1), np.nan)
+    for case_index, case in enumerate(cases):
+        run = solved.sel(case=case.name).isel(mesh=0, partition=k)
+        mu = run["lambda_H"].values[: len(cells)]
         data = enclose_data(case.problem, mesh, form)
         u_D = data.constraint.clamped_values
         g_means = obstacle_means(case.problem, partition)
-        discrete = with_load(spaces, case_load(case, mesh), None, g_means, u_D)
-        u_h = u_D + spaces.response(discrete.of_rest[0], mu)
-        lambda_H = spaces.extended(mu)
+        discrete = build_condensed_problem(spaces, case_load(case, mesh), None, g_means, u_D)
+        # u_h = u_D + u(lambda_H), from the stored multiplier
+        u_h = u_D + spaces.response(discrete.homogeneous_data[0], mu)
+        lambda_H = spaces.extend_by_zero(mu)
         sharp = sharp_bound(data, partition, u_h, lambda_H, form)
         cheap = local_bound(data, partition, u_h, lambda_H, form)
-        of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
-        of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
-        of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u
-        indices[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
-    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, indices, strict=True)}
+        u_error = float(error_in_norm(run, "h1"))
+        lambda_error = float(error_in_norm(run, "hm12", "upper"))
+        # Where lambda_H is exact its error is rounding, and no bound over it says anything
+        lambda_error = lambda_error if lambda_error > EXACT_LAMBDA_SHARE * float(run["u_norm"]) else np.nan
+        sharp_indices = sharp.u / u_error, sharp.lambda_ / lambda_error, sharp.eta / u_error
+        indices[:, case_index, 0] = *sharp_indices, cheap.u / u_error, cheap.lambda_ / lambda_error
+    table = {name: (("case", "mesh"), values) for name, values in zip(INDEX_VARIABLES, indices, strict=True)}
     return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
         H=("mesh", [partition.H])
     )

@@ -1,7 +1,7 @@
 """Rates over the exponents (alpha, gamma) of a transition: measured, predicted, and what the proof leaves.
 
 Errors are r.m.s. means over the positions of the transition in its cell, in H^{-1/2} those of the mean of
-the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `NORMS`
+the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `ERROR_NORMS`
 there is `discrete`, D = ||z_h - u_h||_1 = ||lambda - lambda_H||_{-1/2,h}.
 """
 
@@ -13,54 +13,56 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from study.tables import NORMS, error_in
+from study.tables import ERROR_NORMS, error_in_norm
 from unilateral.arrays import Array
 
-MEASURED = (*NORMS, "discrete")
-BEST = {"h1": (1.0, 1.0), "hm12": (1.5, 1.0), "l2": (1.0, 0.5), "discrete": (1.5, 1.0)}
+ERROR_MEASURES = (*ERROR_NORMS, "discrete")
+THEOREM_4_RATES = {"h1": (1.0, 1.0), "hm12": (1.5, 1.0), "l2": (1.0, 0.5), "discrete": (1.5, 1.0)}
 """The rate by Theorems 2 and 4 is min(first, alpha + second). The first is that of P1 or P0, and
 alpha + second that of the regularity."""
-PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5, "discrete": 1.0}
+THEOREM_4_1_RATES = {"h1": 1.0, "hm12": 1.0, "l2": 0.5, "discrete": 1.0}
 """The rates by Theorem 4.1, for alpha > 0 and gamma >= 1."""
-INVERSE = {"h1": 0.0, "hm12": 0.0, "l2": 0.5, "discrete": 0.0}
+INVERSE_ESTIMATE_LOSS = {"h1": 0.0, "hm12": 0.0, "l2": 0.5, "discrete": 0.0}
 """The inverse estimate from H^{-1/2}, (4.7), takes so much from the rate of the consistency term's root."""
 
 
-def predicted(norm: str, alpha: ArrayLike) -> Array:
+def predicted_rate(norm: str, alpha: ArrayLike) -> Array:
     """The rate by Theorem 4, that of the best approximation of u (h1) or lambda; for D in H by Theorem 2."""
-    most, smoothness = BEST[norm]
-    return np.minimum(most, np.asarray(alpha, dtype=float) + smoothness)
+    best_rate, smoothness = THEOREM_4_RATES[norm]
+    return np.minimum(best_rate, np.asarray(alpha, dtype=float) + smoothness)
 
 
-def of_consistency(alpha: ArrayLike, gamma: ArrayLike) -> Array:
+def consistency_rate(alpha: ArrayLike, gamma: ArrayLike) -> Array:
     """The rate of <Pi_H lambda, u - g> on transition cells, (4.16): alpha + gamma + 1."""
     return np.asarray(alpha, dtype=float) + np.asarray(gamma, dtype=float) + 1
 
 
-def left_by_proof(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
+def proof_rate(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
     """The predicted rate or, where smaller, that of the root of <Pi_H lambda, u - g>: (4.10) adds both."""
-    return np.minimum(predicted(norm, alpha), of_consistency(alpha, gamma) / 2 - INVERSE[norm])
+    return np.minimum(
+        predicted_rate(norm, alpha), consistency_rate(alpha, gamma) / 2 - INVERSE_ESTIMATE_LOSS[norm]
+    )
 
 
-def taken_by_logarithm(sizes: ArrayLike) -> Array:
-    """(pair,) what a factor 1 + ln 1/H takes from rates between sizes H (level,); its root takes half."""
+def logarithm_loss(sizes: ArrayLike) -> Array:
+    """Rates (pair,) that a factor 1 + ln 1/H takes between neighbouring sizes H; its root takes half."""
     H = np.asarray(sizes, dtype=float)
-    L = 1 - np.log(H)
+    L = 1 - np.log(H)  # an error H^p L has the rate p - log(L_2 / L_1) / log(H_1 / H_2)
     return np.asarray(np.log(L[1:] / L[:-1]) / np.log(H[:-1] / H[1:]))
 
 
-def bend(norm: str) -> float:
+def predicted_bend(norm: str) -> float:
     """The alpha at which the regularity no longer limits the predicted rate."""
-    most, smoothness = BEST[norm]
-    return most - smoothness
+    best_rate, smoothness = THEOREM_4_RATES[norm]
+    return best_rate - smoothness
 
 
-def bend_left(norm: str, gamma: float) -> float:
+def proof_bend(norm: str, gamma: float) -> float:
     """The alpha at which the root of the consistency term has the best of the predicted rates."""
-    return 2 * (BEST[norm][0] + INVERSE[norm]) - gamma - 1
+    return 2 * (THEOREM_4_RATES[norm][0] + INVERSE_ESTIMATE_LOSS[norm]) - gamma - 1
 
 
-def along_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
+def join_sharpness_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
     """One table, with the dimension `level`, from those of single levels, coarse to fine."""
     together = xr.concat(
         levels,
@@ -74,7 +76,7 @@ def along_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
     return together.set_coords(["h", "H"])
 
 
-def rates_over(errors: xr.Dataset) -> xr.Dataset:
+def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
     """Rates of adjacent levels by norm, pair, alpha and gamma, with the predicted ones.
 
     `uncertainty` is the distance between the rates of the two finest pairs; `share` the largest algebraic
@@ -82,35 +84,48 @@ def rates_over(errors: xr.Dataset) -> xr.Dataset:
     H^{-1/2} ||Pi_H(u - z_h)||_0 of Theorem 4, on which gamma has no influence, and `t_rate` its rate. `held`
     is the share of positions at which the transition's cell has a multiplier.
     """
-    H, alpha, gamma = (errors[name].values for name in ("H", "alpha", "gamma"))
-    error = np.stack([_mean(error_in(errors, norm) ** 2) ** 0.5 for norm in MEASURED])
-    t = _mean(errors["ritz_means"] ** 2 / errors["H"]) ** 0.5
-    consistency = _mean(errors["consistency"])
-    rate = _rates(error, H)
-    by_norm, surface, pairs = ("norm", "alpha", "gamma"), ("alpha", "gamma"), ("pair", "alpha", "gamma")
+    H = errors["H"].values
+    alpha = errors["alpha"].values
+    gamma = errors["gamma"].values
+    # R.m.s. means over the positions; t = H^{-1/2} ||Pi_H(u - z_h)||_0; the consistency term bounds a square
+    error = np.stack([_position_mean(error_in_norm(errors, norm) ** 2) ** 0.5 for norm in ERROR_MEASURES])
+    t = _position_mean(errors["ritz_means"] ** 2 / errors["H"]) ** 0.5
+    consistency = _position_mean(errors["consistency"])
+    rate = _adjacent_rates(error, H)
+    by_norm = ("norm", "alpha", "gamma")
+    surface = ("alpha", "gamma")
+    pairs = ("pair", "alpha", "gamma")
     levels = ("level", "alpha", "gamma")
-    a, c = alpha[:, None], gamma[None]
+    a = alpha[:, None]
+    c = gamma[None]
     return xr.Dataset(
         {
             "error": (("norm", *levels), error),
             "rate": (("norm", *pairs), rate),
             "uncertainty": (by_norm, np.abs(rate[:, -1] - rate[:, -2])),
-            "predicted": (("norm", "alpha"), np.stack([predicted(norm, alpha) for norm in MEASURED])),
-            "proved": ("norm", [PROVED[norm] for norm in MEASURED]),
-            "left_by_proof": (by_norm, np.stack([left_by_proof(norm, a, c) for norm in MEASURED])),
-            "held": (levels, _mean(errors["held"])),
+            "predicted": (
+                ("norm", "alpha"),
+                np.stack([predicted_rate(norm, alpha) for norm in ERROR_MEASURES]),
+            ),
+            "proved": ("norm", [THEOREM_4_1_RATES[norm] for norm in ERROR_MEASURES]),
+            "left_by_proof": (by_norm, np.stack([proof_rate(norm, a, c) for norm in ERROR_MEASURES])),
+            "held": (levels, _position_mean(errors["held"])),
             "t": (levels[:2], t[..., 0]),
-            "t_rate": (pairs[:2], _rates(t, H)[..., 0]),
+            "t_rate": (pairs[:2], _adjacent_rates(t, H)[..., 0]),
             "consistency": (levels, consistency),
-            "consistency_rate": (pairs, _rates(consistency, H)),
-            "consistency_predicted": (surface, of_consistency(a, c)),
-            "share": (("norm", *levels), np.stack([_share(errors, norm) for norm in MEASURED])),
-            "converged": (levels, _of_levels(errors["converged"].min("position"))),
+            "consistency_rate": (pairs, _adjacent_rates(consistency, H)),
+            "consistency_predicted": (surface, consistency_rate(a, c)),
+            "share": (
+                ("norm", *levels),
+                np.stack([_algebraic_share(errors, norm) for norm in ERROR_MEASURES]),
+            ),
+            "converged": (levels, _level_values(errors["converged"].min("position"))),
+            # (j): u in H^2, that is, alpha > 0; (jj): u and g Lipschitz on every side
             "j": (surface, np.broadcast_to(a > 0, (len(alpha), len(gamma))).astype(float)),
             "jj": (surface, ((a >= 0) & (c >= 1)).astype(float)),
         },
         coords={
-            "norm": list(MEASURED),
+            "norm": list(ERROR_MEASURES),
             "alpha": alpha,
             "gamma": gamma,
             "h": ("level", errors["h"].values),
@@ -119,37 +134,41 @@ def rates_over(errors: xr.Dataset) -> xr.Dataset:
     )
 
 
-def over_all_levels(rates: xr.Dataset, norm: str) -> xr.DataArray:
-    """(alpha, gamma) the rate of an error from the coarsest to the finest H."""
-    error, H = rates["error"].sel(norm=norm, drop=True), rates["H"].values
+def overall_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:
+    """The rate of an error from the coarsest to the finest H, by (alpha, gamma)."""
+    error = rates["error"].sel(norm=norm, drop=True)
+    H = rates["H"].values
     return np.log(error.isel(level=0) / error.isel(level=-1)) / np.log(H[0] / H[-1])
 
 
-def of_largest(rates: xr.Dataset, norm: str) -> xr.DataArray:
-    """(pair, alpha) rates of the largest error over gamma: the constant of Theorem 4 is one for all."""
+def largest_error_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:
+    """Rates of the largest error over gamma, by (pair, alpha): Theorem 4 has one constant for all gamma."""
     largest = rates["error"].sel(norm=norm, drop=True).max("gamma", skipna=False)
-    error, H = (xr.ufuncs.log(each).diff("level") for each in (largest, rates["H"]))
+    error = xr.ufuncs.log(largest).diff("level")
+    H = xr.ufuncs.log(rates["H"]).diff("level")
     return (error / H).rename(level="pair")
 
 
-def _of_levels(array: xr.DataArray) -> Array:
+def _level_values(array: xr.DataArray) -> Array:
     return np.asarray(array.transpose("level", "alpha", "gamma").values, dtype=float)
 
 
-def _mean(array: xr.DataArray) -> Array:
-    return _of_levels(array.mean("position", skipna=False))
+def _position_mean(array: xr.DataArray) -> Array:
+    return _level_values(array.mean("position", skipna=False))
 
 
-def _rates(error: Array, H: Array) -> Array:
-    """(..., pair, alpha, gamma) from errors (..., level, alpha, gamma)."""
+def _adjacent_rates(error: Array, H: Array) -> Array:
+    """Rates (..., pair, alpha, gamma) between adjacent levels of errors (..., level, alpha, gamma)."""
     steps = np.log(H[:-1] / H[1:])[:, None, None]
     return np.asarray(np.log(error[..., :-1, :, :] / error[..., 1:, :, :]) / steps)
 
 
-def _share(errors: xr.Dataset, norm: str) -> Array:
+def _algebraic_share(errors: xr.Dataset, norm: str) -> Array:
     """The share as rates are judged: the bound turned into that norm, over the error's lower bound."""
-    beta, lambda_min = errors["beta_lower"], errors["lambda_min"]
-    one = xr.ones_like(beta)
-    to_norm = {"h1": one, "hm12": beta, "l2": lambda_min**0.5, "discrete": one}[norm]
-    share = errors["algebraic_bound"] / to_norm / error_in(errors, norm, "lower")
-    return _of_levels(share.max("position", skipna=False))
+    # The bound is one in ||.||_{-1/2,h} >= beta ||.||_{-1/2} and >= lambda_min(S)^{1/2} ||.||_0
+    beta = errors["beta_lower"]
+    lambda_min = errors["lambda_min"]
+    ones = xr.ones_like(beta)
+    to_norm = {"h1": ones, "hm12": beta, "l2": lambda_min**0.5, "discrete": ones}[norm]
+    share = errors["algebraic_bound"] / to_norm / error_in_norm(errors, norm, "lower")
+    return _level_values(share.max("position", skipna=False))

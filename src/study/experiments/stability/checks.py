@@ -6,47 +6,52 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.evidence import ZERO, Evidence, Tables, worst
-from study.stability_constants import least_pairing_constant
-from unilateral.norms.resolution import fine, steep
+from study.evidence import RELATIVE_ROUNDING, Evidence, Tables, pick_worst
+from study.stability_constants import pairing_constant_bound
+from unilateral.norms.resolution import is_fine_enough, is_wide_enough
 
 
 def local_rule(
-    tables: Tables, scenes: Sequence[str], least: float, cases: Sequence[str] | None = None
+    tables: Tables, scenes: Sequence[str], at_least: float, cases: Sequence[str] | None = None
 ) -> Evidence:
     """The smallest beta where edges are short against their cells and triangles are not flat, by RULE."""
-    found = {}
+    smallest_beta = {}
     for scene in scenes:
         data = tables[f"{scene}/infsup"]
         data = data if cases is None else data.sel(case=list(cases))
-        kept = fine(data["cell_over_edge"].values) & steep(data["smallest_angle"].values)
-        if kept.any():
-            found[scene] = float(data["beta_lower"].values[kept].min())
-    return worst(found, r"the smallest $\beta$", least, True)
+        keeps_rule = is_fine_enough(data["cell_over_edge"].values) & is_wide_enough(
+            data["smallest_angle"].values
+        )
+        if keeps_rule.any():
+            smallest_beta[scene] = float(data["beta_lower"].values[keeps_rule].min())
+    return pick_worst(smallest_beta, r"the smallest $\beta$", at_least, True)
 
 
 def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """The smallest pairing constant over the bound of Theorem 5's proof, where all cells have inner nodes."""
-    found = {}
+    quotients = {}
     for scene in scenes:
         data = tables[f"{scene}/infsup"]
         paired = data["delta"].values > 0
         if paired.any():
-            bound = least_pairing_constant(data["delta"].values)
-            found[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
-    return worst(found, "the smallest singular value over its bound", 1 - ZERO, True)
+            # sigma >= delta/4, (6)
+            bound = pairing_constant_bound(data["delta"].values)
+            quotients[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
+    return pick_worst(quotients, "the smallest singular value over its bound", 1 - RELATIVE_ROUNDING, True)
 
 
 def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
     """How far the orders of beta from one H to the next are from 1: at delta = H, and at the least delta."""
     data = tables[f"{scene}/infsup"]
-    H, delta = data["H"].values, data["delta"].values
-    found: dict[str, float] = {}
+    H = data["H"].values
+    delta = data["delta"].values
+    order_errors: dict[str, float] = {}
     for name, mesh in (
         ("delta = H", np.abs(delta - H).argmin(axis=0)),
         ("least delta", delta.argmin(axis=0)),
     ):
         beta = data["beta_lower"].values[mesh, np.arange(len(H))]
+        # beta ~ H^p
         orders = np.diff(np.log(beta)) / np.diff(np.log(H))
-        found |= {f"{name}, H = {size:g}": abs(p - 1) for size, p in zip(H[1:], orders, strict=True)}
-    return worst(found, r"how far an order of $\beta$ is from 1", tolerance, False)
+        order_errors |= {f"{name}, H = {size:g}": abs(p - 1) for size, p in zip(H[1:], orders, strict=True)}
+    return pick_worst(order_errors, r"how far an order of $\beta$ is from 1", tolerance, False)

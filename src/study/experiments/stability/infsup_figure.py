@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 
 from study import style, tables
-from unilateral.formulas.decimals import up
+from unilateral.formulas.decimals import format_up
 from unilateral.norms.resolution import RULE
 
-PER_PAIR = [
+PAIR_COLUMNS = [
     "h_over_H",
     "edges_per_cell",
     "cell_over_edge",
@@ -25,23 +25,26 @@ PER_PAIR = [
     "beta_upper",
     "beta_fortin",
 ]
-LEFT, WIDTH, HEIGHT = (1.25, 6.5, 12.25), 4.4, 4.9
+PANEL_LEFTS_CM = (1.25, 6.5, 12.25)
+PANEL_WIDTH_CM = 4.4
+PANEL_HEIGHT_CM = 4.9
 """The left ends of the panels, their width and their height, in cm."""
-LOOKS: dict[str, style.Look] = {
+PAIR_LOOKS: dict[str, style.Look] = {
     "irregular": {"marker": "o", "ms": 3.2, "mew": 0.6, "ls": "", "color": "0.55", "mfc": "white"},
     "regular": {"marker": "o", "ms": 3.6, "mew": 0.4, "ls": "", "color": "0.25", "mec": "white"},
     "uniform": {"marker": "s", "ms": 3.6, "mew": 0.4, "ls": "", "color": style.COLOURS[0], "mec": "white"},
     "worst": {"marker": "x", "ms": 5.0, "mew": 1.4, "ls": "", "color": style.COLOURS[1]},
 }
-RATIO = 10
+MAX_REGULAR_ALPHA_1 = 10
 """`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
-LABELS = {
+PAIR_LABELS = {
     "uniform": "uniform",
-    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, neighbouring cells within {RATIO}:1",
+    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, "
+    f"neighbouring cells within {MAX_REGULAR_ALPHA_1}:1",
     "irregular": "other ones, smaller angles or larger ratios",
     "worst": "the worst that searches found",
 }
-GUIDE: style.Look = {"color": "0.25", "lw": 0.8, "ls": (0, (4, 2)), "zorder": 1}
+GUIDE_LOOK: style.Look = {"color": "0.25", "lw": 0.8, "ls": (0, (4, 2)), "zorder": 1}
 
 
 def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
@@ -49,15 +52,15 @@ def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str,
 
     `widest` is the largest beta_upper/beta_lower - 1 of all.
     """
-    parts = [
-        tables.load(path)[PER_PAIR]
+    survey_rows = [
+        tables.load_table(path)[PAIR_COLUMNS]
         .to_dataframe(["partition", "mesh"])
         .assign(scene=name, label=family["label"], kind=family["kind"])
         for (name, family), path in zip(families.items(), surveys, strict=True)
     ]
-    rows = pd.concat(parts)[["scene", "label", "kind", "H", *PER_PAIR]]
-    known = rows["beta_lower"] > 0
-    return rows.assign(widest=(rows["beta_upper"] / rows["beta_lower"] - 1)[known].max())
+    rows = pd.concat(survey_rows)[["scene", "label", "kind", "H", *PAIR_COLUMNS]]
+    is_positive = rows["beta_lower"] > 0
+    return rows.assign(widest=(rows["beta_upper"] / rows["beta_lower"] - 1)[is_positive].max())
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -67,47 +70,49 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     smallest_angle, beta_lower, beta_fortin; and, for the note, beta_upper and widest (largest
     beta_upper/beta_lower - 1), if known.
     """
-    data = style.read(csv_path)
+    data = style.read_figure_table(csv_path)
     # The look of a pair is its kind; of the other ones it is whether they are regular
-    regular = (data["smallest_angle"] >= RULE.smallest_angle) & (data["alpha_1"] <= RATIO)
+    regular = (data["smallest_angle"] >= RULE.smallest_angle) & (data["alpha_1"] <= MAX_REGULAR_ALPHA_1)
     look = data["kind"].where(data["kind"] != "local", np.where(regular, "regular", "irregular"))
     data = data.assign(look=look)
     bottom = 3.0
-    with style.figure_in(svg_path, bottom + HEIGHT + 0.65) as figure:
-        ratio, inner, unsolved = (style.axes_at(figure, x, bottom, WIDTH, HEIGHT) for x in LEFT)
-        _marks(ratio, data, "h_over_H", "beta_lower")
-        _marks(inner, data, "delta", "beta_lower")
-        _marks(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")
+    with style.open_figure(svg_path, bottom + PANEL_HEIGHT_CM + 0.65) as figure:
+        ratio = style.add_axes(figure, PANEL_LEFTS_CM[0], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+        inner = style.add_axes(figure, PANEL_LEFTS_CM[1], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+        unsolved = style.add_axes(figure, PANEL_LEFTS_CM[2], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+        _draw_pairs(ratio, data, "h_over_H", "beta_lower")
+        _draw_pairs(inner, data, "delta", "beta_lower")
+        _draw_pairs(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")
         x = data["h_over_H"]
         ratio.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
         ratio.set_xscale("log", base=2)
         ratio.set_xlim(x.min() / 1.2, x.max() * 1.2)
         ratio.xaxis.set_minor_locator(NullLocator())
-        ratio.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
-        ratio.axvline(1, **GUIDE)
+        ratio.xaxis.set_major_formatter(lambda value, _: f"${style.format_fraction(value)}$")
+        ratio.axvline(1, **GUIDE_LOOK)
         # delta from 0 to 1/2, with the bound of claim T.node
         delta = np.linspace(0, 0.5)
-        inner.plot(delta, delta * (1 - delta), **GUIDE)
-        inner.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
+        inner.plot(delta, delta * (1 - delta), **GUIDE_LOOK)
+        inner.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL_FONT_POINTS)
         inner.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
         inner.tick_params(labelleft=False)
         # The lines on which the bound is beta, and a quarter of it
         for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
-            unsolved.plot([0, 1], [0, factor], **GUIDE)
-            unsolved.text(*place, text, fontsize=style.SMALL, ha="center")
+            unsolved.plot([0, 1], [0, factor], **GUIDE_LOOK)
+            unsolved.text(*place, text, fontsize=style.SMALL_FONT_POINTS, ha="center")
         unsolved.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
         unsolved.tick_params(labelleft=False)
-        handles = [style.key(label, **LOOKS[kind]) for kind, label in LABELS.items()]
-        style.legend(figure, handles, LEFT[0] - 0.8, bottom - 1.25, ncols=2, labelspacing=0.5)
+        handles = [style.legend_entry(label, **PAIR_LOOKS[kind]) for kind, label in PAIR_LABELS.items()]
+        style.add_legend(figure, handles, PANEL_LEFTS_CM[0] - 0.8, bottom - 1.25, ncols=2, labelspacing=0.5)
         note = r"$\beta$: its lower bound by eigenvalues"
         if "widest" in data:
-            note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
-        style.note(figure, f"{note}.")
+            note += f"; the upper one is at most {format_up(100 * data['widest'].max(), '.2g')} % higher"
+        style.add_note(figure, f"{note}.")
 
 
-def _marks(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
-    for kind, look in LOOKS.items():
-        of = data[data["look"] == kind]
-        axes.plot(of[x], of[y], **look)
+def _draw_pairs(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
+    for kind, look in PAIR_LOOKS.items():
+        pairs = data[data["look"] == kind]
+        axes.plot(pairs[x], pairs[y], **look)
     axes.set_ylim(-0.03, 1.03)
-    style.light_grid(axes)
+    style.draw_light_grid(axes)

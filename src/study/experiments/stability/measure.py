@@ -19,23 +19,28 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from study.stability_constants import OF_PAIR, constants
-from study.tables import save
+from study.stability_constants import PAIR_CONSTANTS, pair_constants
+from study.tables import save_table
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import condense
-from unilateral.fem.spaces import SINGULAR, mixed_spaces
-from unilateral.formulas.formula import real
-from unilateral.geometry.mesh import Mesh, with_boundary
-from unilateral.geometry.partition import Partition, from_points, shifted, uniform
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import Bracket, dual_norm
+from unilateral.fem.spaces import SINGULAR_EIGENVALUE_RATIO, mixed_spaces
+from unilateral.formulas.formula import parse_real
+from unilateral.geometry.mesh import Mesh, triangulate_from_boundary
+from unilateral.geometry.partition import (
+    Partition,
+    from_points,
+    make_shifted_partition,
+    make_uniform_partition,
+)
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import Bracket, build_dual_norm
 
 Spec = Mapping[str, Any]
 Counts = NDArray[np.intp]
 Grams = dict[tuple[bytes, bytes], Bracket]
 """The lower and the upper Gram matrix of P0, by the vertices of the polygon and the points of T_H."""
-TIE = 1e-3
+TIE_TOLERANCE = 1e-3
 """Symmetry classes count as equally bad if the relative difference of their beta^2 is at most this."""
 
 
@@ -48,31 +53,31 @@ def survey_infsup(
         parameters = {f"surveys.{name}": family}
         if name in finds:
             parameters[f"finds.{name}"] = finds[name]
-        table = survey(*pairs(name, family, finds.get(name, ())), grams)
-        save(table, path, name, parameters)
+        table = survey_pairs(*family_pairs(name, family, finds.get(name, ())), grams)
+        save_table(table, path, name, parameters)
         print(f"{name} measured")
 
 
-def pairs(
+def family_pairs(
     name: str, family: Mapping[str, Any], finds: Sequence[Spec] = ()
 ) -> tuple[list[Partition], list[Spec], Sequence[object]]:
     """The partitions of a family, the mappings of their meshes, and the sizes of these."""
     if finds:
-        domains = [domain_of(find["polygon"], name) for find in finds]
+        domains = [survey_polygon(find["polygon"], name) for find in finds]
         specs = [{"points": find["points"]} for find in finds]
-        cells = [partition_of(domain, spec) for domain, spec in zip(domains, specs, strict=True)]
+        cells = [make_partition(domain, spec) for domain, spec in zip(domains, specs, strict=True)]
         return cells, [{"nodes": find["nodes"]} for find in finds], [1]
-    domain = domain_of(family["polygon"], name)
-    cells = [partition_of(domain, spec) for spec in family["partitions"]]
+    domain = survey_polygon(family["polygon"], name)
+    cells = [make_partition(domain, spec) for spec in family["partitions"]]
     return cells, [family["mesh"]] * len(cells), family.get("deltas") or family["edges_per_cell"]
 
 
-def domain_of(polygon: Any, name: str) -> Polygon:
+def survey_polygon(polygon: Any, name: str) -> Polygon:
     """The polygon of that name, or that with these vertices, which then gets the `name` of its survey."""
-    return named(polygon) if isinstance(polygon, str) else Polygon(polygon, name)
+    return find_polygon(polygon) if isinstance(polygon, str) else Polygon(polygon, name)
 
 
-def survey(
+def survey_pairs(
     partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object], grams: Grams
 ) -> xr.Dataset:
     """The constants of (3.4) for partitions, on meshes of these sizes against their cells.
@@ -85,7 +90,7 @@ def survey(
     """
     shape = (len(sizes), len(partitions))
     longest = max(partition.n_cells for partition in partitions)
-    values = {name: np.full(shape, np.nan) for name in OF_PAIR}
+    values = {name: np.full(shape, np.nan) for name in PAIR_CONSTANTS}
     worst = np.full((*shape, longest), np.nan)
     points = np.full((len(partitions), longest + 1), np.nan)
     side = np.full((len(partitions), longest), np.nan)
@@ -94,19 +99,20 @@ def survey(
         side[p, : partition.n_cells] = partition.side
     for k, size in enumerate(sizes):
         condensed = cache(condense)
-        on = meshes_of(partitions, meshes, size)
-        for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
-            alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
-            if alike not in grams:
-                grams[alike] = dual_norm(partition).gram().p0
-            gram = grams[alike]
+        size_meshes = make_meshes(partitions, meshes, size)
+        for p, (partition, mesh) in enumerate(zip(partitions, size_meshes, strict=True)):
+            gram_key = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+            if gram_key not in grams:
+                grams[gram_key] = build_dual_norm(partition).gram().p0
+            gram = grams[gram_key]
             spaces = mixed_spaces(condensed(mesh), partition)
             operator = spaces.operator
-            sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            for name, value in (sizes_of | constants(spaces, gram)).items():
+            mesh_sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            for name, value in (mesh_sizes | pair_constants(spaces, gram)).items():
                 values[name][k, p] = value
-            if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
-                symmetries = _symmetries(mesh, partition, meshes[p])
+            # With a kernel of one dimension at most the worst mu is one function
+            if np.count_nonzero(operator.spectrum <= SINGULAR_EIGENVALUE_RATIO * operator.lambda_max) <= 1:
+                symmetries = _cell_symmetries(mesh, partition, meshes[p])
                 worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
     pair = ("mesh", "partition")
     table: dict[str, Any] = {name: (pair, value) for name, value in values.items()}
@@ -117,7 +123,7 @@ def survey(
     return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
 
 
-def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[Index]:
+def _cell_symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[Index]:
     """Half a turn, and x and y exchanged, on a structured mesh and uniform cells of the square; else none."""
     is_square = np.array_equal(mesh.polygon.vertices, square().vertices)
     equal = np.ptp(partition.lengths) <= 1e-12 * partition.H
@@ -135,8 +141,10 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
     that are equally bad it is the first, beginning with the symmetric.
     """
     m = len(D)
-    least, mu = 0.0, np.empty(0)
+    smallest = 0.0
+    mu = np.empty(0)
     for signs in product((1.0, -1.0), repeat=len(symmetries)):
+        # The product of (1 +- P) / 2 over the symmetries P projects onto the mu with these signs
         projector = np.eye(m)
         for sign, image in zip(signs, symmetries, strict=True):
             projector = 0.5 * (projector + sign * projector[image])
@@ -144,14 +152,17 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
         basis = vectors[:, values > 0.5]
         if not basis.shape[1]:
             continue
+        # The least ||mu||_{-1/2,h}^2 / ||mu||_{-1/2}^2 = mu.D mu / mu.G mu of the class
         value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
-        if not mu.size or value[0] < least - TIE * abs(least):
-            least, mu = float(value[0]), basis @ x[:, 0]
+        if not mu.size or value[0] < smallest - TIE_TOLERANCE * abs(smallest):
+            smallest = float(value[0])
+            mu = basis @ x[:, 0]
+    # The sign and the size are those that make the first of the largest values 1
     size = np.abs(mu)
-    return mu / mu[np.flatnonzero(size >= (1 - TIE) * size.max())[0]]
+    return mu / mu[np.flatnonzero(size >= (1 - TIE_TOLERANCE) * size.max())[0]]
 
 
-def partition_of(polygon: Polygon, spec: Spec) -> Partition:
+def make_partition(polygon: Polygon, spec: Spec) -> Partition:
     """The partition T_H of a mapping, with as many cells on each side as the uniform one of that H.
 
     {H} is uniform. `shift` moves the points inside each side forward by that fraction of a cell. `grading` q
@@ -161,37 +172,38 @@ def partition_of(polygon: Polygon, spec: Spec) -> Partition:
     Raises InputError for a size, a shift or points that the polygon does not allow.
     """
     if "points" in spec:
-        return from_points(polygon, _reals(spec["points"], "partition: points"))
+        return from_points(polygon, _read_numbers(spec["points"], "partition: points"))
     if "counts" in spec:
         return Partition(polygon, polygon.divided(np.array(spec["counts"], dtype=np.intp)))
-    H = real(spec["H"], "partition: H")
+    H = parse_real(spec["H"], "partition: H")
     if "shift" in spec:
-        return shifted(polygon, H, real(spec["shift"], "partition: shift"))
+        return make_shifted_partition(polygon, H, parse_real(spec["shift"], "partition: shift"))
     if "grading" in spec:
-        return Partition(polygon, _graded(polygon, polygon.counts(H), spec))
+        return Partition(polygon, _graded_points(polygon, polygon.counts(H), spec))
     if "spread" in spec:
-        return Partition(polygon, _random(polygon, polygon.counts(H), spec))
-    return uniform(polygon, H)
+        return Partition(polygon, _random_points(polygon, polygon.counts(H), spec))
+    return make_uniform_partition(polygon, H)
 
 
-def meshes_of(partitions: Sequence[Partition], specs: Sequence[Spec], size: object) -> list[Mesh]:
+def make_meshes(partitions: Sequence[Partition], specs: Sequence[Spec], size: object) -> list[Mesh]:
     """The mesh of each partition, one object for all of a polygon that have the same boundary nodes.
 
     {kind: structured}, its h = H / size; or a mesh by gmsh with the boundary nodes of `spec`.
     Raises InputError for nodes that are out of order, or without the vertices.
     """
-    by_nodes, made = cache(with_boundary), []
+    by_nodes = cache(triangulate_from_boundary)
+    meshes = []
     for partition, spec in zip(partitions, specs, strict=True):
         polygon = partition.polygon
         if spec.get("kind") == "structured":
-            made.append(structured(polygon, partition.H / real(size, "edges_per_cell")))
+            meshes.append(make_structured_mesh(polygon, partition.H / parse_real(size, "edges_per_cell")))
         else:
-            made.append(by_nodes(polygon, tuple(boundary_nodes(partition, spec, size).tolist())))
-    return made
+            meshes.append(by_nodes(polygon, tuple(place_boundary_nodes(partition, spec, size).tolist())))
+    return meshes
 
 
-def boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
-    """(nb,) arc lengths of mesh nodes; a side with m cells has n = max(1, round(size m)) edges, unless inner.
+def place_boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
+    """Arc lengths (nb,) of the mesh nodes on the boundary, as the mapping of a mesh places them.
 
     `follow` places node j of n as the point j m / n of the partition's, linear between its points, so that
     every cell has the same number of edges; `equal`, `graded` and `random` divide the sides as partitions
@@ -201,22 +213,27 @@ def boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
     where `ends` says so.
     """
     if "nodes" in spec:
-        return _reals(spec["nodes"], "boundary nodes: nodes")
+        return _read_numbers(spec["nodes"], "boundary nodes: nodes")
     if spec["kind"] == "inner":
-        return _inner(partition, real(size, "deltas"), spec)
+        return _place_inner_nodes(partition, parse_real(size, "deltas"), spec)
     cells = np.bincount(partition.side, minlength=partition.polygon.n_sides)
-    counts = np.maximum(1, np.floor(real(size, "edges_per_cell") * cells + 0.5)).astype(np.intp)
+    counts = np.maximum(1, np.floor(parse_real(size, "edges_per_cell") * cells + 0.5)).astype(np.intp)
     if spec["kind"] == "follow":
-        side, index = _indices(counts)
+        side, index = _number_pieces(counts)
         place = (np.cumsum(cells) - cells)[side] + index * cells[side] / counts[side]
         return np.interp(place, np.arange(partition.n_cells + 1), partition.points)
-    divided = {"graded": _graded, "random": _random, "equal": lambda polygon, n, _: polygon.divided(n)}
+    divided = {
+        "graded": _graded_points,
+        "random": _random_points,
+        "equal": lambda polygon, n, _: polygon.divided(n),
+    }
     return divided[spec["kind"]](partition.polygon, counts, spec)[:-1]
 
 
-def _inner(partition: Partition, delta: float, spec: Spec) -> Array:
+def _place_inner_nodes(partition: Partition, delta: float, spec: Spec) -> Array:
     cells = np.bincount(partition.side)
-    side, number = _indices(cells)
+    side, number = _number_pieces(cells)
+    # Twice the distance, in cells, of the cell's middle from that of its side
     beyond = 2 * number + 1 - cells[side]
     share = np.where(np.abs(beyond) <= 1, 0.5, np.where(beyond < 0, 1 - delta, delta))
     if "seed" in spec:
@@ -225,27 +242,30 @@ def _inner(partition: Partition, delta: float, spec: Spec) -> Array:
     return np.union1d(nodes, partition.points[:-1] if spec.get("ends") else partition.polygon.starts[:-1])
 
 
-def _graded(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
-    q, (side, index) = real(spec["grading"], "grading"), _indices(counts)
+def _graded_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
+    q = parse_real(spec["grading"], "grading")
+    (side, index) = _number_pieces(counts)
     t = index / counts[side]
+    # (2 t)^q / 2 up to the middle of the side, and its mirror image behind it
     share = np.where(t <= 0.5, 0.5 * (2 * t) ** q, 1 - 0.5 * (2 - 2 * t) ** q)
     return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)
 
 
-def _random(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
-    sizes = real(spec["spread"], "spread") ** np.random.default_rng(spec["seed"]).random(counts.sum())
-    side, _ = _indices(counts)
+def _random_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
+    sizes = parse_real(spec["spread"], "spread") ** np.random.default_rng(spec["seed"]).random(counts.sum())
+    side, _ = _number_pieces(counts)
+    # The sums of the sizes on each side, from its start, over the side's own
     first = np.cumsum(counts) - counts
     before = np.cumsum(sizes) - sizes
     share = (before - before[first][side]) / np.add.reduceat(sizes, first)[side]
     return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)
 
 
-def _indices(counts: Counts) -> tuple[Counts, Counts]:
-    """(sum(counts),) each: the side of every piece and its number on that side."""
+def _number_pieces(counts: Counts) -> tuple[Counts, Counts]:
+    """Side of every piece, and its number on that side, (sum(counts),) each."""
     side = np.repeat(np.arange(len(counts)), counts)
     return side, np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
 
 
-def _reals(given: Any, where: str) -> Array:
-    return np.array([real(value, where) for value in given])
+def _read_numbers(numbers: Any, where: str) -> Array:
+    return np.array([parse_real(value, where) for value in numbers])

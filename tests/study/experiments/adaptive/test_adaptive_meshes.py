@@ -14,14 +14,14 @@ from unilateral.discrete.condensed import discretise
 from unilateral.fem.condense import condense
 from unilateral.fem.form import H1
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import infsup
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.infsup import infsup_constants
 from unilateral.solvers.stop import Stop
 
-LIMITS = adaptive.MostUnknowns(100, 50)
+LIMITS = adaptive.MaxUnknowns(100, 50)
 STOP = Stop(fraction=0.01)
 
 
@@ -49,11 +49,12 @@ def test_both_kinds_start_from_one_mesh_and_keep_the_limit(measured):
 
 def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(measured):
     """On the finer uniform mesh, by active sets on the boundary; quadrature agrees to its accuracy."""
-    errors, case = measured[0], load("thirds")
-    mesh = structured(square(), 1 / 8)
-    cells = uniform(square(), 1 / 4)
+    errors = measured[0]
+    case = load("thirds")
+    mesh = make_structured_mesh(square(), 1 / 8)
+    cells = make_uniform_partition(square(), 1 / 4)
     alone = discretise(case.problem, mesh, cells)
-    solved = alone.solved(Stop(tolerance=1e-12, algorithm="active_set"))
+    solved = alone.solve(Stop(tolerance=1e-12, algorithm="active_set"))
     found = errors.sel(kind="uniform").isel(level=1)
     assert float(found["h1_error"]) == pytest.approx(exact_errors(alone, solved).h1, rel=1e-3)
     known = errors["h1_error"].notnull()
@@ -74,10 +75,11 @@ def test_one_gram_matrix_serves_the_cells_and_their_edges():
 
     At H = h, with an even number of edges, beta is 0.
     """
-    mesh, cells = structured(square(), 1 / 4), uniform(square(), 1 / 2)
-    found = adaptive.stability(SimpleNamespace(mesh=mesh, partition=cells, form=H1))
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = make_uniform_partition(square(), 1 / 2)
+    found = adaptive.beta_constants(SimpleNamespace(mesh=mesh, partition=cells, form=H1))
     spaces = mixed_spaces(condense(mesh), cells)
-    own = infsup(spaces.operator, dual_norm(cells).gram().p0)
+    own = infsup_constants(spaces.operator, build_dual_norm(cells).gram().p0)
     assert found["beta_lower"] == pytest.approx(own.beta_lower, rel=5e-3)
     assert found["beta_lower"] <= own.beta_upper
     assert found["beta_of_edges"] == 0
@@ -94,7 +96,7 @@ def test_seconds_add_up(measured):
 def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
     """On a triangle, by gmsh; two edges in every cell."""
     problem = problem_of(polygon="[[0, 0], [1, 0], [0, 1]]", f="3*x - 2", g="0")
-    errors, constants, _ = adaptive.measure(problem, 1 / 4, adaptive.MostUnknowns(60, 30), STOP)
+    errors, constants, _ = adaptive.measure(problem, 1 / 4, adaptive.MaxUnknowns(60, 30), STOP)
     assert errors["h1_error"].isnull().all()
     assert np.isnan(float(errors["asymptotic_from"]))
     bounds = errors["h1_bound"].sel(kind="adapted").dropna("level").values
@@ -104,7 +106,7 @@ def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
 
 def test_tables_are_put_together(measured):
     errors = measured[0]
-    both = adaptive.together([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
+    both = adaptive.join_tables([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
     assert both["case"].values.tolist() == ["a", "b"]
     assert both.sizes["level"] == errors.sizes["level"]
     assert both["unknowns"].sel(case="b").isel(level=slice(2, None)).isnull().all()
@@ -112,7 +114,8 @@ def test_tables_are_put_together(measured):
 
 def levels(unknowns, error, bound, start):
     """A table of one case, the same on both kinds of meshes but for its length."""
-    order, shape = ("case", "kind", "level"), (1, 2, len(unknowns))
+    order = ("case", "kind", "level")
+    shape = (1, 2, len(unknowns))
     values = {"unknowns": unknowns, "h1_error": error, "h1_bound": bound, "algebraic_bound": 0.01 * error}
     table = {name: (order, np.broadcast_to(each, shape).copy()) for name, each in values.items()}
     table |= {name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge")}
@@ -126,18 +129,18 @@ N = np.array([10.0, 20.0, 40.0, 100.0, np.nan])
 def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
     """From 10 to 40, from 20 to 100, and no further; the error is N^-1/2, but 4 times that at 40."""
     error = N**-0.5 * [1, 1, 4, 1, 1]
-    found = adaptive.rates_over(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
+    found = adaptive.rates_in_unknowns(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
     assert_allclose(found["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
     assert_allclose(found["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
     assert found["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
     assert_allclose(found["index"], 2 * N**-0.25 / error)
     assert_allclose(found["share"].dropna("level"), 0.01)
-    every = adaptive.rates_over(levels(N, error, error, 0), 3).isel(case=0, kind=0)["error_rate"]
+    every = adaptive.rates_in_unknowns(levels(N, error, error, 0), 3).isel(case=0, kind=0)["error_rate"]
     assert_allclose(every[:2], [0.5 - 1, 0.5])
 
 
 def test_of_a_case_without_a_start_nothing_is_asymptotic():
-    found = adaptive.rates_over(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
+    found = adaptive.rates_in_unknowns(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
     assert not found["asymptotic"].any()
     assert found["error_rate"].isnull().all()
     assert_allclose(found["bound_rate"][:2], [1, 1])
@@ -146,7 +149,7 @@ def test_of_a_case_without_a_start_nothing_is_asymptotic():
 def test_the_table_has_the_finest_level_of_each_kind():
     errors = levels(N, N**-0.5, 2 * N**-0.5, 10)
     errors["unknowns"][0, 0, 3] = np.nan
-    rows = adaptive_tables.finest(errors.merge(adaptive.rates_over(errors, 3)))
+    rows = adaptive_tables.tabulate_finest_levels(errors.merge(adaptive.rates_in_unknowns(errors, 3)))
     assert rows["problem"].tolist() == ["`c`"] * 2
     assert rows["meshes"].tolist() == ["uniform", "adapted"]
     assert rows["unknowns"].tolist() == ["40", "100"]
@@ -154,7 +157,7 @@ def test_the_table_has_the_finest_level_of_each_kind():
     assert rows["bound / error"].tolist() == ["2.00", "2.00"]
     assert rows["rate, error"].tolist() == ["0.50", "0.50"]
     unknown = levels(N, N * np.nan, 1 / N, np.nan)
-    rows = adaptive_tables.finest(unknown.merge(adaptive.rates_over(unknown, 3)))
+    rows = adaptive_tables.tabulate_finest_levels(unknown.merge(adaptive.rates_in_unknowns(unknown, 3)))
     assert set(rows[r"$\Vert u-u_h\Vert_1$"]) == {"–"}
 
 
@@ -162,7 +165,7 @@ def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():
     """Its bound, 0.5, is met with 20 unknowns; it has 100. In all these are 30 and 170."""
     errors = levels(N, 1 / N, 1 / N, 10)
     errors["h1_bound"][0, :] = [[9, 9, 9, 0.5, np.nan], [1, 0.5, 0.4, 0.1, np.nan]]
-    rows = adaptive_tables.savings(errors)
+    rows = adaptive_tables.tabulate_savings(errors)
     assert rows.values.tolist() == [["`c`", "0.5", "100", "20", "5.0", "5.7"]]
 
 
@@ -170,5 +173,5 @@ def test_of_beta_flat_meshes_are_told_apart():
     of = {"beta_lower": [0.8, 0.7, 0.5], "beta_upper": [0.81, 0.71, 0.51], "smallest_angle": [45, 20, 19]}
     of |= {"beta_of_edges": [0, 0.02, 0.01], "beta_0": [0.3, 0.2, 0.4]}
     constants = xr.Dataset({name: ("level", np.array(values)) for name, values in of.items()})
-    found = adaptive_tables.beta(constants, 20)
+    found = adaptive_tables.summarise_adapted_beta(constants, 20)
     assert found == {"beta": 0.7, "flat": 0.51, "angle": 19, "of_edges": 0.02, "beta_0": 0.2}

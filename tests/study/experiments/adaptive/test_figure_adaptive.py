@@ -17,7 +17,7 @@ def test_the_table(tmp_path):
     constants = {"beta_lower": (order, 3 / N), "beta_of_edges": (order, 4 / N)}
     coords = {"case": ["c"], "kind": ["uniform", "adapted"], "level": [0, 1]}
     for name, values in (("errors", errors), ("infsup", constants)):
-        tables.save(xr.Dataset(values, coords), tmp_path / f"{name}.nc", "adaptive")
+        tables.save_table(xr.Dataset(values, coords), tmp_path / f"{name}.nc", "adaptive")
     found = adaptive.table(tmp_path / "errors.nc", tmp_path / "infsup.nc")
     assert found["kind"].tolist() == ["uniform", "adapted", "adapted"]
     assert found["unknowns"].tolist() == [12345, 12345, 23456]
@@ -28,7 +28,8 @@ def test_the_table(tmp_path):
 
 def test_every_error_and_bound_stands_over_its_unknowns():
     """In the panel of its case; a problem without a known solution has bounds only."""
-    rows, panels = table("adaptive"), page("adaptive")[0].axes
+    rows = table("adaptive")
+    panels = page("adaptive")[0].axes
     cases = list(dict.fromkeys(rows["case"]))
     assert [axes.get_title() for axes in panels[:-1]] == cases
     for case, axes in zip(cases, panels[:-1], strict=True):
@@ -38,7 +39,8 @@ def test_every_error_and_bound_stands_over_its_unknowns():
 
 
 def test_beta_stands_over_the_unknowns_of_adapted_meshes():
-    rows, axes = table("adaptive"), page("adaptive")[0].axes[-1]
+    rows = table("adaptive")
+    axes = page("adaptive")[0].axes[-1]
     assert points(axes) == pairs(rows, "unknowns", "beta") | pairs(rows, "unknowns", "beta_of_edges")
     assert set(rows["case"]) <= set(said(page("adaptive")[0]))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import config, stored
 
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.norms.resolution import RULE
 
 STUDY = config("study")["adaptive"]
@@ -21,7 +21,8 @@ def levels(case, kind):
 def test_unknowns_grow_up_to_the_limit_and_bounds_fall(case, kind):
     """On uniform meshes h is halved, so there are nearly four times the unknowns."""
     of = levels(case, kind)
-    unknowns, shortest = of["unknowns"].values, of["shortest_edge"].values
+    unknowns = of["unknowns"].values
+    shortest = of["shortest_edge"].values
     assert unknowns[-1] <= STUDY["most"]["unknowns"]
     assert np.all(of["converged"] == 1)
     assert np.all(np.diff(of["h1_bound"]) < 0)
@@ -39,7 +40,7 @@ def test_both_kinds_start_from_one_mesh():
     for name in ("unknowns", "h1_bound", "shortest_edge"):
         assert np.array_equal(first[name].sel(kind="uniform"), first[name].sel(kind="adapted"))
     on_square = first["shortest_edge"].sel(case=CASES, kind="adapted")
-    np.testing.assert_allclose(on_square, real(STUDY["h"], ""), rtol=1e-12)
+    np.testing.assert_allclose(on_square, parse_real(STUDY["h"], ""), rtol=1e-12)
 
 
 def test_errors_are_known_of_cases_only():
@@ -61,7 +62,8 @@ def test_beta_is_known_to_half_a_percent_on_all_small_adapted_meshes(case):
     of = stored("adaptive/infsup").sel(case=case, kind="adapted").dropna("level", subset=["beta_lower"])
     assert np.array_equal(of["level"], small["level"])
     assert of.sizes["level"] > 4
-    lower, upper = of["beta_lower"].values, of["beta_upper"].values
+    lower = of["beta_lower"].values
+    upper = of["beta_upper"].values
     assert np.all((lower > 0) & (lower <= upper) & (upper <= 1.005 * lower))
     assert np.all(of["cell_over_edge"] >= RULE.cell_over_edge * (1 - 1e-9))
     np.testing.assert_allclose(of["delta"], 0.5, rtol=1e-9)

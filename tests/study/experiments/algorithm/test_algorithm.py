@@ -8,11 +8,11 @@ from conftest import condensed, coupled, discrete, load
 
 from study.experiments.algorithm import formulation as statements
 from study.experiments.algorithm import measure as experiments
-from unilateral.discrete.condensed import solve
-from unilateral.fem.linear_systems import dissected
+from unilateral.discrete.condensed import solve_condensed_problem
+from unilateral.fem.linear_systems import factorise_by_dissection
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import ritz_projection
 
@@ -23,16 +23,18 @@ STEPS = 400
 @cache
 def tried():
     cases = [load(name) for name in ("full_contact", "natural")]
-    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
-    return experiments.algorithm(mesh, cells, cases, SHARES, STEPS)
+    mesh = make_structured_mesh(square(), 1 / 16)
+    cells = partitions.make_uniform_partition(square(), 1 / 8)
+    return experiments.measure_algorithm(mesh, cells, cases, SHARES, STEPS)
 
 
 @cache
 def spectrum():
     """Eigenvalues of S, ascending, and the share of each eigenvector in lambda_H of full contact."""
-    both, case = coupled("square", 16, 8), load("full_contact")
+    both = coupled("square", 16, 8)
+    case = load("full_contact")
     problem = ritz_projection(case, condensed("square", 16))
-    offset = both.B @ problem.trace / both.partition.lengths - cell_means(case, both.partition).g_means
+    offset = both.B @ problem.load_trace / both.partition.lengths - cell_means(case, both.partition).g_means
     values, vectors = np.linalg.eigh(both.operator.S)
     y = np.linalg.solve(both.operator.S, -np.sqrt(both.partition.lengths) * offset)
     return values, vectors.T @ y / np.linalg.norm(y)
@@ -50,7 +52,8 @@ def test_in_full_contact_the_distance_is_that_of_the_linear_iteration(share):
 def test_the_printed_index_gives_the_quadratic_recursion():
     """z^2 - z + rho sigma = 0, from lambda^0 = lambda^(-1) = 0."""
     sigma, y = spectrum()
-    now, before = -y, -y
+    now = -y
+    before = -y
     for _ in range(STEPS):
         now, before = now - 0.25 * 2 / sigma[-1] * sigma * before, now
     found = float(tried()["distance"].sel(case="full_contact", variant="as printed", rho_share=0.25))
@@ -60,7 +63,8 @@ def test_the_printed_index_gives_the_quadratic_recursion():
 def test_the_ranges_of_rho():
     """Full contact: 2/lambda_max(S) as meant, half of it as printed; on both sides of either limit."""
     of = tried()["distance"].sel(case="full_contact")
-    meant, printed = of.sel(variant="as meant"), of.sel(variant="as printed")
+    meant = of.sel(variant="as meant")
+    printed = of.sel(variant="as printed")
     assert np.all(meant.sel(rho_share=[0.45, 0.49, 0.51, 0.99]) < 0.05)
     assert float(meant.sel(rho_share=1.01)) > 0.5
     assert np.all(printed.sel(rho_share=[0.25, 0.45, 0.49]) < 0.05)
@@ -88,11 +92,13 @@ def test_the_pair_is_a_saddle_point_and_no_other_is():
 def test_what_is_not_constant_on_the_cells_by_a_finer_sum():
     """natural: midpoints of 2000 pieces a cell, u_h from the solve of the pair."""
     made = discrete("natural", 16, 8)
-    solution, case, mesh = solve(made), load("natural"), condensed("square", 16).mesh
+    solution = solve_condensed_problem(made)
+    case = load("natural")
+    mesh = condensed("square", 16).mesh
     n = 2000 * made.spaces.partition.n_cells
     s = (np.arange(n) + 0.5) * 4 / n
     side = np.floor(s).astype(int)
-    u, _, gap = case.boundary(side, s - side)
+    u, _, gap = case.trace_flux_and_gap(side, s - side)
     trace = solution.u_h[mesh.boundary]
     values = (np.interp(s, mesh.s, np.append(trace, trace[0])) - (u - gap)).reshape(-1, 2000)
     expected = np.sqrt(np.sum(values.var(axis=1)) / np.sum(np.mean(values**2, axis=1)))
@@ -106,28 +112,35 @@ def test_the_printed_lagrangian_doubles_the_multiplier():
 
 
 def test_two_multipliers_at_equal_sizes_and_one_at_others():
-    equal = experiments.uniqueness(structured(square(), 1 / 8), partitions.uniform(square(), 1 / 8))
+    equal = experiments.measure_uniqueness(
+        make_structured_mesh(square(), 1 / 8), partitions.make_uniform_partition(square(), 1 / 8)
+    )
     assert float(equal["violation"]) < 1e-12
     assert float(equal["same_u"]) < 1e-12
     assert float(equal["multiplier_distance"]) == pytest.approx(
         0.5 * 2
     )  # (-1)^e / 2 on a boundary of length 4
-    finer = experiments.uniqueness(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8))
+    finer = experiments.measure_uniqueness(
+        make_structured_mesh(square(), 1 / 16), partitions.make_uniform_partition(square(), 1 / 8)
+    )
     assert float(finer["violation"]) > 1e-3
 
 
 def test_the_counts_and_the_iterates_of_both_ways():
     sizes = (1 / 8, 1 / 16)
-    on = [structured(square(), h) for h in sizes]
-    cells = [partitions.uniform(square(), 2 * h) for h in sizes]
-    found = experiments.elimination(on, cells, 20)
+    on = [make_structured_mesh(square(), h) for h in sizes]
+    cells = [partitions.make_uniform_partition(square(), 2 * h) for h in sizes]
+    found = experiments.measure_elimination(on, cells, 20)
     assert float(found["difference"]) < 1e-12
     np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
-        lu = dissected(condensed("square", n).A).lu
-        m, nb, nnz = 2 * n, 4 * n, coupled("square", n, n // 2).B.nnz
+        lu = factorise_by_dissection(condensed("square", n).A).lu
+        m = 2 * n
+        nb = 4 * n
+        nnz = coupled("square", n, n // 2).B.nnz
         coupling = (2 * nnz - nb) + (2 * nnz - m) + 2 * m
-        below, above = lu.L.nnz - lu.shape[0], lu.U.nnz - lu.shape[0]
+        below = lu.L.nnz - lu.shape[0]
+        above = lu.U.nnz - lu.shape[0]
         assert float(found["with_A"][k]) == 2 * below + 2 * above + lu.shape[0] + coupling
         assert float(found["with_A_3"][k]) == 2 * nb**2 + coupling
 
@@ -135,9 +148,13 @@ def test_the_counts_and_the_iterates_of_both_ways():
 def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
     """At H = 2h both are at least the error; at H = h the residual's is infinite, the energy's holds."""
     cases = [load(name) for name in ("full_contact", "natural")]
-    mesh = structured(square(), 1 / 16)
-    stable = experiments.certificates(mesh, partitions.uniform(square(), 1 / 8), cases, [10, 200])
-    singular = experiments.certificates(mesh, partitions.uniform(square(), 1 / 16), cases, [10, 200])
+    mesh = make_structured_mesh(square(), 1 / 16)
+    stable = experiments.measure_certificates(
+        mesh, partitions.make_uniform_partition(square(), 1 / 8), cases, [10, 200]
+    )
+    singular = experiments.measure_certificates(
+        mesh, partitions.make_uniform_partition(square(), 1 / 16), cases, [10, 200]
+    )
     for found in (stable, singular):
         assert np.all(found["residual_index"] >= 1)
         assert np.all(found["energy_index"] >= 1)
@@ -148,8 +165,9 @@ def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
 def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
     """In full contact, in the energy: half of S's square root is A_3^{-1/2} B^T, so sigma^{1/2} weighs y."""
     case = [load("full_contact")]
-    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
-    found = experiments.certificates(mesh, cells, case, [50])
+    mesh = make_structured_mesh(square(), 1 / 16)
+    cells = partitions.make_uniform_partition(square(), 1 / 8)
+    found = experiments.measure_certificates(mesh, cells, case, [50])
     sigma, y = spectrum()
     weighted = np.sqrt(sigma) * y
     left = (1 - 0.9 / sigma[-1] * sigma) ** 50 * weighted
@@ -161,23 +179,27 @@ def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
 def test_the_split_of_the_error_holds_up_to_quadrature():
     """Galerkin orthogonality; with another norm in its last term it is off by more than a hundredth."""
     cases = [load(name) for name in ("full_contact", "thirds")]
-    found = experiments.split(structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8), cases)
+    found = experiments.measure_split(
+        make_structured_mesh(square(), 1 / 16), partitions.make_uniform_partition(square(), 1 / 8), cases
+    )
     assert np.all(found["split_defect"] <= 1e-4)  # full_contact has no kink, thirds the edge of its cutoff
     assert np.all(found["split_defect_elsewhere"] >= 1e-2)
 
 
 def test_the_first_term_of_the_residual_s_bound_is_no_bound():
-    cells = partitions.uniform(square(), 1 / 8)
-    found = experiments.certificates(structured(square(), 1 / 16), cells, [load("natural")], [10])
+    cells = partitions.make_uniform_partition(square(), 1 / 8)
+    found = experiments.measure_certificates(
+        make_structured_mesh(square(), 1 / 16), cells, [load("natural")], [10]
+    )
     assert np.all(found["first_term_index"] < 1)
     assert np.all(found["residual_index"] >= 1)
 
 
 @cache
 def formulated():
-    cells = partitions.uniform(square(), 1 / 8)
-    return statements.formulation(
-        structured(square(), 1 / 16), cells, [load(name) for name in ("full_contact", "natural")]
+    cells = partitions.make_uniform_partition(square(), 1 / 8)
+    return statements.measure_formulation(
+        make_structured_mesh(square(), 1 / 16), cells, [load(name) for name in ("full_contact", "natural")]
     )
 
 
@@ -206,8 +228,8 @@ def test_the_galerkin_approximation_of_a_flux_and_no_other_is_orthogonal_to_its_
 
 def test_the_gaps_that_are_looked_at_are_the_least_on_both_edges_of_a_node():
     """natural: 2 x (1/2 - x)_+^(3/2) on the bottom; at x = 1/4 the least of [1/8, 3/8] is at an end."""
-    mesh = structured(square(), 1 / 8)
-    found = statements._least_gaps(load("natural"), mesh)
+    mesh = make_structured_mesh(square(), 1 / 8)
+    found = statements._smallest_gaps(load("natural"), mesh)
     gap = [2 * x * (0.5 - x) ** 1.5 for x in (1 / 8, 3 / 8)]
     assert found[2] == pytest.approx(min(gap))
     assert found[0] == found[1] == 0.0

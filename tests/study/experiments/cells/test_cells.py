@@ -11,19 +11,19 @@ from conftest import exact_errors, load
 from scipy.integrate import quad
 from scipy.special import beta
 
-from study.experiments.cells.measure import alternating, measure
-from unilateral.discrete.condensed import discretise, solve, with_solution
+from study.experiments.cells.measure import alternating_cases, measure
+from unilateral.discrete.condensed import discretise, discretise_case, solve_condensed_problem
 from unilateral.errors import InputError
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
-from unilateral.norms.exact_errors import Exact, cell_means
-from unilateral.problems.case_certificate import certify
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.exact_errors import CaseProjections, cell_means
+from unilateral.problems.case_certificate import certify_case
 from unilateral.solvers.stop import Stop
 
 STOP = Stop(fraction=0.01, max_steps=200_000, algorithm="nesterov")
 CASES = [load("cantor_2"), load("violates_jj_jjj")]
-MESH = structured(square(), 1 / 8)
+MESH = make_structured_mesh(square(), 1 / 8)
 
 
 @pytest.fixture(scope="module")
@@ -38,24 +38,25 @@ def test_errors_are_those_of_the_cases_solved_one_by_one(table):
     it is that of the second one.
     """
     np.testing.assert_allclose(table["H"], [[1, 1 / 2], [1 / 2, 1 / 4]])
-    own = discretise(CASES[1].problem, MESH, uniform(square(), 1 / 4))
+    own = discretise(CASES[1].problem, MESH, make_uniform_partition(square(), 1 / 4))
     for k, case in enumerate(CASES):
-        exact = Exact(replace(own.exact.ritz, case=case), cell_means(case, own.partition))
-        discrete = with_solution(own.spaces, exact)
-        solution = solve(discrete, STOP)
+        exact = CaseProjections(replace(own.exact.ritz, case=case), cell_means(case, own.partition))
+        discrete = discretise_case(own.spaces, exact)
+        solution = solve_condensed_problem(discrete, STOP)
         h1 = exact_errors(discrete, solution).h1
         found = table.isel(case=k, start=1, level=1)
         split = np.sqrt(h1**2 - float(table["ritz_error"]) ** 2)
         assert float(found["discrete_error"]) == pytest.approx(split, rel=0.02)
-        assert float(found["consistency"]) == pytest.approx(discrete.exact.means.consistency, rel=1e-12)
+        assert float(found["consistency"]) == pytest.approx(discrete.exact.cell_means.consistency, rel=1e-12)
     assert np.all(table["converged"] == 1)
     assert np.all(table["algebraic_bound"] <= 0.01 * table["discrete_error"])
 
 
 def integrals(family, power, n, carried):
     """(n,) integrals over n cells of s^power bumps: of lambda (carried 0) or of the gap (1)."""
-    found, ends = np.zeros(n), np.arange(n + 1) / n
-    for a, b in ((float(a), float(b)) for a, b in family.divided()[carried]):
+    found = np.zeros(n)
+    ends = np.arange(n + 1) / n
+    for a, b in ((float(a), float(b)) for a, b in family.sort_intervals()[carried]):
         shapes = (
             lambda t, a=a, b=b: (t - a) ** power * (1 - ((t - a) / (b - a)) ** 2) ** 4,
             lambda t, a=a, b=b: ((t - a) * (b - t) / (b - a)) ** power,
@@ -73,13 +74,14 @@ def test_the_consistency_term_by_an_independent_sum(name, gamma):
     What is left carries a hundredth of a gap: 128 pieces, each with 0.01/3^(gamma + 1) of the integral of one
     of the sixth generation's 32 gaps. Control: the sum for another exponent is not within 1 %.
     """
-    n, case = 8, load(name)
+    n = 8
+    case = load(name)
     atom = case.atoms[0]
-    flux = integrals(atom.family, float(atom.alpha), n, 0)
-    expected = n * flux @ integrals(atom.family, gamma, n, 1)
-    found = cell_means(case, uniform(square(), 1 / n)).consistency
+    flux = integrals(atom.cantor_set, float(atom.alpha), n, 0)
+    expected = n * flux @ integrals(atom.cantor_set, gamma, n, 1)
+    found = cell_means(case, make_uniform_partition(square(), 1 / n)).consistency
     assert expected * (1 - 1e-7) <= found <= 1.01 * expected
-    assert not expected <= n * flux @ integrals(atom.family, gamma + 0.1, n, 1) <= 1.01 * expected
+    assert not expected <= n * flux @ integrals(atom.cantor_set, gamma + 0.1, n, 1) <= 1.01 * expected
 
 
 @pytest.mark.parametrize("gamma", [Q(1, 2), Q(3, 2)])
@@ -89,17 +91,19 @@ def test_contact_and_a_gap_alternate(gamma):
     Of lambda l^(alpha+1) B((alpha+1)/2, 5)/2, of the gap l^(gamma+1) B(gamma+1, gamma+1). Control: cells
     that keep both apart.
     """
-    (case,) = alternating(square(), Q(1, 8), Q(1, 2), [gamma])
+    (case,) = alternating_cases(square(), Q(1, 8), Q(1, 2), [gamma])
     declared = {"hypotheses": {"j": True, "jj": gamma >= 1, "jjj": True}}
-    found = certify(replace(case, declaration=declared))
+    found = certify_case(replace(case, declaration=declared))
     np.testing.assert_allclose(
         found.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], rtol=0, atol=1e-14
     )
     flux = (1 / 16) ** 1.5 * beta(0.75, 5) / 2
     of_gap = (1 / 16) ** float(gamma + 1) * beta(float(gamma + 1), float(gamma + 1))
     expected = 4 * flux * of_gap * 8
-    assert cell_means(case, uniform(square(), 1 / 8)).consistency == pytest.approx(expected, rel=1e-10)
-    assert cell_means(case, uniform(square(), 1 / 16)).consistency < 1e-12 * expected
+    assert cell_means(case, make_uniform_partition(square(), 1 / 8)).consistency == pytest.approx(
+        expected, rel=1e-10
+    )
+    assert cell_means(case, make_uniform_partition(square(), 1 / 16)).consistency < 1e-12 * expected
 
 
 def test_cases_with_another_u_are_refused():

@@ -9,7 +9,7 @@ from made_up import observes, table
 from study.experiments.cells import checks as transitions
 
 LARGEST_OF = {"table": "t", "variable": "discrete_error", "cases": ["cantor_2", "cantor_1.5"]}
-LARGEST_OF |= {"required": 0.7, "at_least": False}
+LARGEST_OF |= {"required": 0.7, "is_minimum": False}
 
 
 def on_cells(bound=0.001, converged=1.0, gap_order=(1.0, 3 / 4)):
@@ -22,7 +22,8 @@ def on_cells(bound=0.001, converged=1.0, gap_order=(1.0, 3 / 4)):
     of = {"discrete_error": errors, "consistency": errors**2, "algebraic_bound": bound * errors}
     of |= {"converged": 0 * errors + converged}
     given = {name: (("case", "start", "level"), each) for name, each in of.items()}
-    cases, H = ["cantor_2", "cantor_1.5", "violates_jjj", "violates_jj_jjj"], [[1, 1 / 4], [1, 1 / 16]]
+    cases = ["cantor_2", "cantor_1.5", "violates_jjj", "violates_jj_jjj"]
+    H = [[1, 1 / 4], [1, 1 / 16]]
     orders = {"flux_order": 4 * [1 / 2], "gap_order": 2 * list(gap_order)}
     return table(**given, **orders, case=cases, H=(("start", "level"), H))
 

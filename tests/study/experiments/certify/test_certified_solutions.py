@@ -10,7 +10,7 @@ import unilateral as ul
 from study import tables
 from study.experiments.certify import measure, numbers
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 GIVEN = {"penalties": [10, 1000], "sweeps": 10}
 SCHEMES = [
@@ -26,7 +26,7 @@ SCHEMES = [
 
 @pytest.fixture(scope="module")
 def measured():
-    return measure.measure(load("natural"), structured(square(), 1 / 8), GIVEN)
+    return measure.measure(load("natural"), make_structured_mesh(square(), 1 / 8), GIVEN)
 
 
 def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(measured):
@@ -34,8 +34,9 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
 
     Controls: the bound for another function differs, and so does its error.
     """
-    case, mesh = load("natural"), structured(square(), 1 / 8)
-    found = measure.others(case, mesh, **GIVEN)
+    case = load("natural")
+    mesh = make_structured_mesh(square(), 1 / 8)
+    found = measure.solve_by_others(case, mesh, **GIVEN)
     assert list(measured["scheme"].values) == SCHEMES
     assert list(found) == SCHEMES[1:]
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
@@ -46,7 +47,8 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
     def square_of_error(w):
         places = w.x.reshape(2, -1)
         u, slope = (of.reshape(*w.x.shape[1:], -1) for of in case.value_and_gradient(places.T))
-        v, grad = w["v_h"], w["v_h"].grad
+        v = w["v_h"]
+        grad = w["v_h"].grad
         return (u[..., 0] - v) ** 2 + (slope[..., 0] - grad[0]) ** 2 + (slope[..., 1] - grad[1]) ** 2
 
     for scheme in ("nodal constraints", "half the load"):
@@ -80,7 +82,7 @@ def test_a_table_of_two_cases_and_sizes_is_stored(tmp_path, monkeypatch):
     path = tmp_path / "results/certify/solutions.nc"
     path.parent.mkdir(parents=True)
     measure.measure_certify({"scenes": scenes, "h": ["1/2", "1/4"], **GIVEN}, str(path))
-    stored = tables.load(path)
+    stored = tables.load_table(path)
     assert stored["case"].values.tolist() == ["natural", "clamped"]
     assert stored["h"].values.tolist() == [0.5, 0.25]
     assert stored["certified_error"].sel(scheme="only").values.tolist() == [[0, 2], [4, 6]]

@@ -7,12 +7,13 @@ from conftest import load
 
 from study.experiments.certify import measure
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.ritz import h1_distance
-from unilateral.problems.case import exact_solution
+from unilateral.problems.case import derive_solution
 
-P1, P2 = skfem.ElementTriP1(), skfem.ElementTriP2()
-MESH = structured(square(), 1 / 8)
+P1 = skfem.ElementTriP1()
+P2 = skfem.ElementTriP2()
+MESH = make_structured_mesh(square(), 1 / 8)
 CASES = {name: load(name) for name in ("natural", "clamped")}
 QUADRATIC = {
     "title": "u = (x - 1/2)^2 + (y - 1/2)^2 in full contact, du/dn = 1",
@@ -28,7 +29,8 @@ def constrained(of):
 
 def conditions(of, x):
     """How far x >= g, r >= 0, r (x - g) = 0, and r = 0 at other unknowns fail; r = Ax - load."""
-    r, on = of.A @ x - of.load, constrained(of)
+    r = of.A @ x - of.load
+    on = constrained(of)
     gap = x[on] - of.g[on]
     inside = ~on & ~of.fixed
     return max(-gap.min(), -r[on].min(), np.abs(r[on] * gap).max(), np.abs(r[inside]).max())
@@ -38,8 +40,8 @@ def conditions(of, x):
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_nodal_constraints_satisfy_what_defines_them(case, element):
     """The conditions of the convex problem, which has one solution. Control: x moved by 1e-6 at one node."""
-    of = measure.nodal_problem(case, MESH, element)
-    x = measure.active_set(of)
+    of = measure.assemble_nodal_problem(case, MESH, element)
+    x = measure.solve_nodal_problem(of)
     assert conditions(of, x) < 1e-12
     assert 0 < np.count_nonzero(x[constrained(of)] > of.g[constrained(of)]) < constrained(of).sum()
     moved = x + 1e-6 * (np.arange(len(x)) == np.flatnonzero(constrained(of))[3])
@@ -48,14 +50,14 @@ def test_nodal_constraints_satisfy_what_defines_them(case, element):
 
 def test_a_quadratic_solution_is_in_p2_and_not_in_p1():
     """u is in P2, so the discrete solution is u. P1 is of first order; its distance from u halves with h."""
-    case = exact_solution(QUADRATIC, "quadratic", square(), 0)
-    of = measure.nodal_problem(case, MESH, P2)
-    found = measure.active_set(of)[: MESH.n_nodes]
+    case = derive_solution(QUADRATIC, "quadratic", square(), 0)
+    of = measure.assemble_nodal_problem(case, MESH, P2)
+    found = measure.solve_nodal_problem(of)[: MESH.n_nodes]
     np.testing.assert_allclose(found, case.value_and_gradient(MESH.points)[0], atol=1e-13)
     errors = []
     for h in (1 / 8, 1 / 16):
-        mesh = structured(square(), h)
-        x = measure.active_set(measure.nodal_problem(case, mesh, P1))
+        mesh = make_structured_mesh(square(), h)
+        x = measure.solve_nodal_problem(measure.assemble_nodal_problem(case, mesh, P1))
         errors.append(h1_distance(case, mesh, x))
     assert errors[0] / errors[1] == pytest.approx(2, rel=0.02)
 
@@ -63,7 +65,7 @@ def test_a_quadratic_solution_is_in_p2_and_not_in_p1():
 def test_clamped_nodes_have_the_given_values_by_every_method():
     """u = cos(pi x)/2 on top."""
     on_top = np.isclose(MESH.points[:, 1], 1)
-    for name, x in measure.others(CASES["clamped"], MESH, [10], 1).items():
+    for name, x in measure.solve_by_others(CASES["clamped"], MESH, [10], 1).items():
         np.testing.assert_allclose(
             x[on_top], 0.5 * np.cos(np.pi * MESH.points[on_top, 0]), atol=1e-14, err_msg=name
         )
@@ -72,10 +74,11 @@ def test_clamped_nodes_have_the_given_values_by_every_method():
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_penalty_tends_to_nodal_constraints_like_one_over_its_parameter(case):
     """The classical estimate; the gap is less than 0 by the force over the parameter. Edges are 1/8 long."""
-    of = measure.nodal_problem(case, MESH, P1)
-    exact = measure.active_set(of)
+    of = measure.assemble_nodal_problem(case, MESH, P1)
+    exact = measure.solve_nodal_problem(of)
     on = constrained(of).astype(float)
-    first, second = (measure.active_set(of, gamma * on / 8) for gamma in (1e5, 1e6))
+    first = measure.solve_nodal_problem(of, 1e5 * on / 8)
+    second = measure.solve_nodal_problem(of, 1e6 * on / 8)
     ratio = np.abs(first - exact).max() / np.abs(second - exact).max()
     assert ratio == pytest.approx(10, rel=0.02)
     assert np.min((first - of.g)[constrained(of)]) < 0
@@ -83,17 +86,17 @@ def test_penalty_tends_to_nodal_constraints_like_one_over_its_parameter(case):
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_gauss_seidel_lowers_the_energy_and_converges_to_nodal_constraints(case):
-    of = measure.nodal_problem(case, structured(square(), 1 / 4), P1)
-    steps = [measure.gauss_seidel(of, sweeps) for sweeps in (1, 2, 5, 500)]
+    of = measure.assemble_nodal_problem(case, make_structured_mesh(square(), 1 / 4), P1)
+    steps = [measure.iterate_gauss_seidel(of, sweeps) for sweeps in (1, 2, 5, 500)]
     energies = [0.5 * x @ (of.A @ x) - of.load @ x for x in steps]
     assert energies == sorted(energies, reverse=True)
-    np.testing.assert_allclose(steps[-1], measure.active_set(of), atol=1e-12)
+    np.testing.assert_allclose(steps[-1], measure.solve_nodal_problem(of), atol=1e-12)
     assert np.abs(steps[0] - steps[-1]).max() > 0.01
 
 
 def test_half_the_load_is_the_problem_with_half_the_load():
     case = CASES["natural"]
-    of = measure.nodal_problem(case, MESH, P1)
-    x = measure.others(case, MESH, [10], 1)["half the load"]
+    of = measure.assemble_nodal_problem(case, MESH, P1)
+    x = measure.solve_by_others(case, MESH, [10], 1)["half the load"]
     assert conditions(of._replace(load=of.load / 2), x) < 1e-12
     assert conditions(of, x) > 0.01

@@ -19,13 +19,16 @@ def steps_of(stops=(0.1, 0.01), **steps):
 
 
 FEWER = steps_of(fast=[[1, 2, 4], [1, NAN, 8]], slow=[[3, 1, 1], [2, 2, 4]])
-SAFE, SLOWER = [12, 23, 34], [12, 26, 34]
+SAFE = [12, 23, 34]
+SLOWER = [12, 26, 34]
 
 
 def errors_at_a_level(error, lower=1.0, ran=True):
     """Errors (H,) at the level 0.1, of a discrete solution with the error 1."""
-    at, ones = ("case", "H_over_h", "H"), np.ones((1, 1, 3))
-    h1, hm12 = (np.broadcast_to(np.asarray(x, float), (3,)).reshape(1, 1, 3, 1) for x in (error, lower))
+    at = ("case", "H_over_h", "H")
+    ones = np.ones((1, 1, 3))
+    h1 = np.broadcast_to(np.asarray(error, float), (3,)).reshape(1, 1, 3, 1)
+    hm12 = np.broadcast_to(np.asarray(lower, float), (3,)).reshape(1, 1, 3, 1)
     return table(
         **dict.fromkeys(("h1_discrete", "hm12_discrete_lower"), (at, ones)),
         setup_operations=(at, np.where(ran, ones, NAN)),
@@ -37,20 +40,31 @@ def errors_at_a_level(error, lower=1.0, ran=True):
 
 def by_cells(with_A):
     """n = e^2, e^4 with quotients of operations 2 and 6, so 6/4 over 2/2; S takes 5 and 7 steps."""
-    at, n = ("algebra", "H"), np.exp([[2.0, 4.0], [2.0, 4.0]])
-    operations, steps, h = [[4.0, 18.0], [2.0, 3.0]], [with_A, [[5], [7]]], [[0.5, 0.25], [0.5, 0.25]]
+    at = ("algebra", "H")
+    n = np.exp([[2.0, 4.0], [2.0, 4.0]])
+    operations = [[4.0, 18.0], [2.0, 3.0]]
+    steps = [with_A, [[5], [7]]]
+    h = [[0.5, 0.25], [0.5, 0.25]]
     given = {"step_operations": (at, operations), "unknowns": (at, n), "h": (at, h)}
     return table(**given, steps=((*at, "stop"), steps), algebra=["A", "S"])
 
 
 UNLIKE = "steps with A are not known to be as many as those with S"
-STEEPER = partial(cost.economy, least=1.6)
+STEEPER = partial(cost.step_economy, at_least=1.6)
 
 
 ROWS = [
     # Growth by factors of 6/3 and 4/2 at H/h = 2; one run less at 4, so 8/(2 * 2). From 1/16 on 4/2 only.
-    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1.0, most=1.0), FEWER, 6),
-    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1 / 16, most=1.0), FEWER, 2),
+    (
+        partial(cost.relative_step_growth, algorithm="fast", reference="slow", coarsest=1.0, at_most=1.0),
+        FEWER,
+        6,
+    ),
+    (
+        partial(cost.relative_step_growth, algorithm="fast", reference="slow", coarsest=1 / 16, at_most=1.0),
+        FEWER,
+        2,
+    ),
     ("5.F", steps_of(newton=[[1, 2, 3], [7, 5, NAN]]), 7),
     # Steps but one, where the optimal step took any; or the number of levels that only that one met.
     ("5.G", steps_of(safe=SAFE, optimal=[10, 20, 30]), (1.1, True)),

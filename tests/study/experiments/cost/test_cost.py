@@ -16,12 +16,12 @@ from scipy.sparse.linalg import splu
 from study import operations
 from study.experiments.cost import numbers as cost_numbers
 from study.experiments.cost import products, trade
-from study.experiments.cost.measure import along, measure, plan
+from study.experiments.cost.measure import measure, plan_axes, tabulate_axis
 from study.experiments.cost.run import History, Variant
-from unilateral.discrete.condensed import solve
+from unilateral.discrete.condensed import solve_condensed_problem
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import build_dual_norm
 from unilateral.solvers import uzawa_steps as acceleration
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
@@ -68,10 +68,12 @@ def operations_of(work, *arguments):
 def counted_step(method, m, cut=True):
     """Operations of the second step of a method on m cells."""
     rng = np.random.default_rng(1)
-    y, F, R = (rng.random(m) + 1 for _ in range(3))
-    step = acceleration.STEPS[method](np.eye(m), np.zeros(m), 0.5, Counted.of(0.5 * y))
+    y = rng.random(m) + 1
+    F = rng.random(m) + 1
+    R = rng.random(m) + 1
+    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.of(0.5 * y))
     if isinstance(step, acceleration.BarzilaiBorwein):
-        step.old_F = Counted.of(0.5 * F)
+        step.previous_F = Counted.of(0.5 * F)
         step.reference = -math.inf if cut else math.inf
     return operations_of(step, y, F, R)
 
@@ -82,7 +84,9 @@ def test_operations_of_a_step_are_those_counted(method):
 
     A step of Barzilai and Borwein that is not cut takes 13.
     """
-    assert counted_step(method, 9) - counted_step(method, 5) == 4 * operations.PER_CELL[method]
+    assert (
+        counted_step(method, 9) - counted_step(method, 5) == 4 * operations.STEP_OPERATIONS_PER_CELL[method]
+    )
     if method == "barzilai_borwein":
         assert counted_step(method, 9, cut=False) - counted_step(method, 5, cut=False) == 4 * 13
 
@@ -123,19 +127,21 @@ def spd(n, band):
 
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_dense_algebra_by_brute_force(n):
-    assert operations_of(brute_cholesky, spd(n, n)) == operations.cholesky(n)
-    assert operations_of(np.matmul, spd(n, n), np.ones(n)) == operations.apply_S(n)
-    assert operations_of(brute_solve, spd(n, n), np.ones(n)) == operations.triangular_solve(n)
+    assert operations_of(brute_cholesky, spd(n, n)) == operations.count_cholesky(n)
+    assert operations_of(np.matmul, spd(n, n), np.ones(n)) == operations.count_product_by_S(n)
+    assert operations_of(brute_solve, spd(n, n), np.ones(n)) == operations.count_triangular_solve(n)
 
 
 @pytest.mark.parametrize(("n", "band"), [(6, 6), (8, 1), (9, 3)])
 def test_sparse_factors_by_brute_force(n, band):
     options = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    found, a = operations.factors(splu(sp.csc_array(spd(n, band)), **options)), spd(n, band)
+    found = operations.count_factors(splu(sp.csc_array(spd(n, band)), **options))
+    a = spd(n, band)
     assert found.factorise == operations_of(brute_lu, a)
     brute_lu(a)
     assert found.nonzeros == np.count_nonzero(a) + n
-    below, above = np.count_nonzero(np.tril(a, -1)), np.count_nonzero(np.triu(a, 1))
+    below = np.count_nonzero(np.tril(a, -1))
+    above = np.count_nonzero(np.triu(a, 1))
     assert found.solve == 2 * below + 2 * above + n
 
 
@@ -152,37 +158,40 @@ def test_sparse_factors_by_brute_force(n, band):
 def test_every_way_to_S_y_gives_it(algebra, precision, least, most):
     spaces = coupled("square", 16, 8)
     y = np.random.default_rng(2).random(len(spaces.operator.H_i))
-    exact, out = spaces.operator.S @ y, np.empty_like(y)
-    products.product(algebra, precision, spaces, condensed("square", 16))(y, out)
+    exact = spaces.operator.S @ y
+    out = np.empty_like(y)
+    products.make_product(algebra, precision, spaces, condensed("square", 16))(y, out)
     assert least <= np.abs(out - exact).max() / np.abs(exact).max() <= most
 
 
 def test_refinement_errs_like_the_increment():
     """Single precision of an increment of 1e-6 leaves 1e-6 of its error."""
     operator = coupled("square", 16, 8).operator
-    apply = products.refined(operator)
+    apply = products.make_refined_product(operator)
     y = np.random.default_rng(3).random(len(operator.H_i))
     out = np.empty_like(y)
-    for count in range(products.REFRESH + 1):
-        z = y * (1 + 1e-6 * (count % products.REFRESH > 0))
+    for count in range(products.PRODUCTS_PER_REFRESH + 1):
+        z = y * (1 + 1e-6 * (count % products.PRODUCTS_PER_REFRESH > 0))
         apply(z, out)
-        if count % products.REFRESH == 0:
+        if count % products.PRODUCTS_PER_REFRESH == 0:
             np.testing.assert_array_equal(out, operator.S @ y)
         else:
             assert np.abs(out - operator.S @ z).max() < 1e-12 * np.abs(out).max()
 
 
-@pytest.mark.parametrize("method", acceleration.STEPS)
+@pytest.mark.parametrize("method", acceleration.STEP_METHODS)
 @pytest.mark.parametrize("case", ["natural", "thirds"])
 def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
     of = problem(case, 16, 2)
-    operator, offset = of.spaces.operator, of.offset
+    operator = of.spaces.operator
+    offset = of.offset
     tolerances = [0.01 * stop for stop in STOPS]
-    rho = acceleration.STEPS[method].share / operator.lambda_max
-    seen, apply = History(operator, offset, method, rho, tolerances), products.by_S(operator)
+    rho = acceleration.STEP_METHODS[method].rho_factor / operator.lambda_max
+    seen = History(operator, offset, method, rho, tolerances)
+    apply = products.make_product_by_S(operator)
     uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
-    assert len(seen.reached) == len(tolerances)
-    for tolerance, found in zip(tolerances, seen.reached, strict=True):
+    assert len(seen.reached_levels) == len(tolerances)
+    for tolerance, found in zip(tolerances, seen.reached_levels, strict=True):
         alone = uzawa(operator, offset, tolerance, rho, method=method, apply=apply)
         assert (found.steps, found.applications) == (alone.iterations, alone.operator_applications)
         np.testing.assert_array_equal(found.lambda_H, alone.lambda_H)
@@ -191,25 +200,27 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
 
 def steps_with_rounding(method, seed):
     """To each level, every product S y changed by two units in its last place, at random."""
-    of, rng = problem("thirds", 32, 2), np.random.default_rng(seed)
-    operator, offset = of.spaces.operator, of.offset
+    of = problem("thirds", 32, 2)
+    rng = np.random.default_rng(seed)
+    operator = of.spaces.operator
+    offset = of.offset
     signs = np.array([-4e-16, 4e-16])
 
     def apply(y, out):
         out[:] = (operator.S @ y) * (1 + rng.choice(signs, len(y)))
 
     tolerances = [0.2 * stop for stop in STOPS]
-    rho = acceleration.STEPS[method].share / operator.lambda_max
+    rho = acceleration.STEP_METHODS[method].rho_factor / operator.lambda_max
     seen = History(operator, offset, method, rho, tolerances)
     uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
-    return [each.steps for each in seen.reached]
+    return [each.steps for each in seen.reached_levels]
 
 
-@pytest.mark.parametrize("method", acceleration.STEPS)
+@pytest.mark.parametrize("method", acceleration.STEP_METHODS)
 def test_steps_that_are_shown_do_not_change_with_rounding(method):
     """Those of Barzilai and Borwein to 1e-10 do, and are not shown."""
     first, *others = (steps_with_rounding(method, seed) for seed in range(6))
-    shown = STOPS.index(trade.SHOWN) + 1
+    shown = STOPS.index(trade.COMPARED_LEVEL) + 1
     assert len(first) == len(STOPS)
     assert all(each[:shown] == first[:shown] for each in others)
     changes = any(each != first for each in others)
@@ -219,23 +230,30 @@ def test_steps_that_are_shown_do_not_change_with_rounding(method):
 def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
     of = problem("natural", 16, 2)
-    operator, offset = of.spaces.operator, of.offset
+    operator = of.spaces.operator
+    offset = of.offset
     rho = 1.9 / operator.lambda_max
     seen = History(operator, offset, "uzawa", rho, [1e-4, 1e-12])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         result = uzawa(
-            operator, offset, 1e-12, rho, max_steps=4000, apply=products.by_S32(operator), observe=seen
+            operator,
+            offset,
+            1e-12,
+            rho,
+            max_steps=4000,
+            apply=products.make_single_product(operator),
+            observe=seen,
         )
-    assert len(seen.reached) == 1
-    assert seen.reached[0].bound <= 1e-4
+    assert len(seen.reached_levels) == 1
+    assert seen.reached_levels[0].bound <= 1e-4
     assert residual_bound(operator, offset, result.lambda_H, rho) > 1e-9
 
 
 def test_an_axis_has_all_combinations_of_its_values_the_base_first():
     """By hand: two fields of three and two values; others are the base's."""
     others = {"algorithm": ["safe", "newton"], "H_over_h": ["3/2"]}
-    (axis,) = plan({"base": STUDY["base"], "axes": {"both": others}})
+    (axis,) = plan_axes({"base": STUDY["base"], "axes": {"both": others}})
     assert axis.values == {"algorithm": ["uzawa", "safe", "newton"], "H_over_h": [2.0, 1.5]}
     expected = [
         BASE._replace(algorithm=name, H_over_h=ratio)
@@ -252,7 +270,7 @@ LIMITS = {"stops": STOPS, "max_steps": 100_000, "costly_steps": 50}
 @cache
 def measured():
     """The tables along algorithms, and along ways to S y, on one mesh; by hand, few of the study's runs."""
-    axes = plan(
+    axes = plan_axes(
         {
             "base": STUDY["base"],
             "axes": {
@@ -261,17 +279,19 @@ def measured():
             },
         }
     )
-    gram = dual_norm(partitions.uniform(square(), 1 / 8), [load("thirds")]).gram([load("thirds")])
+    gram = build_dual_norm(partitions.make_uniform_partition(square(), 1 / 8), [load("thirds")]).gram(
+        [load("thirds")]
+    )
     variants = list(dict.fromkeys(variant for axis in axes for variant in axis.variants))
     rows = measure(condensed("square", 16).mesh, [load("thirds")], gram, variants, SIZES, LIMITS)
-    return [along(axis, rows, SIZES, STOPS) for axis in axes]
+    return [tabulate_axis(axis, rows, SIZES, STOPS) for axis in axes]
 
 
 def test_the_last_level_has_the_errors_of_the_solution():
-    """`solve` measures by other means: from the solution's u_h and lambda_H."""
+    """`solve_condensed_problem` measures by other means: from the solution's u_h and lambda_H."""
     table = measured()[0]
     alone = problem("thirds", 16, 2)
-    errors = exact_errors(alone, solve(alone, Stop(tolerance=1e-13)))
+    errors = exact_errors(alone, solve_condensed_problem(alone, Stop(tolerance=1e-13)))
     for algorithm in table["algorithm"].values:
         at = table.sel(algorithm=algorithm, H_over_h=2, H=1 / 8, stop=1e-10)
         assert float(at["h1_error"]) == pytest.approx(errors.h1, rel=1e-9)
@@ -305,7 +325,8 @@ def test_operations_are_the_sum_of_their_parts():
     """Of plain Uzawa: steps + 1 residuals, steps updates, and a product for every other application."""
     table = measured()[0].sel(algorithm="uzawa", H_over_h=2, H=1 / 8)
     m = int(table["multipliers"])
-    once, steps = float(table["setup_operations"]), table["steps"].values
+    once = float(table["setup_operations"])
+    steps = table["steps"].values
     product = m * (2 * m - 1)
     checks = table["operator_applications"].values - steps - 1
     parts = (steps + 1) * (product + 4 * m) + steps * m + checks * (product + 2 * m)
@@ -316,27 +337,30 @@ def of_laws(sizes):
     """Steps digits / H by Uzawa's, digits / H^(1/2) by Nesterov's."""
     H = 2.0 ** -np.arange(2, 2 + sizes)
     digits = -np.log10(STOPS)
-    plain, fast = (digits / H[:, None] ** p for p in (1.0, 0.5))
+    plain = digits / H[:, None] ** 1.0
+    fast = digits / H[:, None] ** 0.5
     coords = {"algorithm": ["uzawa", "nesterov"], "H_over_h": [2.0], "H": H, "stop": STOPS}
     return xr.Dataset({"steps": (tuple(coords), np.stack([plain, fast])[:, None])}, coords=coords)
 
 
 def test_growth_of_known_laws():
     """From H = 1/16 on; two sizes, of five, are too few."""
-    found = [trade.growth(of_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")]
+    found = [trade.growth_exponent(of_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")]
     assert found == pytest.approx([1, 0.5], abs=1e-12)
-    assert math.isnan(trade.growth(of_laws(4), "uzawa", 2, 1 / 16))
+    assert math.isnan(trade.growth_exponent(of_laws(4), "uzawa", 2, 1 / 16))
 
 
 def test_front_leaves_out_what_is_beaten():
     work = np.array([1.0, 2.0, 3.0, 4.0, 2.5, np.nan])
     error = np.array([1.0, 0.5, 0.6, 0.499, np.nan, 0.1])
-    assert trade.front(work, error).tolist() == [0, 1]
+    assert trade.pareto_front(work, error).tolist() == [0, 1]
 
 
 def test_half_of_an_error_at_second_order_of_work_costs_its_square_root():
     work = np.array([1.0, 10.0, 100.0, np.nan])
-    assert trade.halving(work, np.append(work[:3] ** -2, 1.0)) == pytest.approx(math.sqrt(2), rel=1e-12)
+    assert trade.halving_factor(work, np.append(work[:3] ** -2, 1.0)) == pytest.approx(
+        math.sqrt(2), rel=1e-12
+    )
 
 
 def of_errors(errors):
@@ -359,12 +383,13 @@ def of_errors(errors):
     ],
 )
 def test_the_level_that_is_enough_has_no_worse_one_below(errors, stop):
-    assert trade.enough(of_errors(errors), "h1", 1 / 16) == pytest.approx(stop, nan_ok=True)
+    assert trade.sufficient_stop(of_errors(errors), "h1", 1 / 16) == pytest.approx(stop, nan_ok=True)
 
 
 def at_ratios(factors):
     """Errors h times a factor of each H/h, with a set-up of h^-3: at the same work as far apart as these."""
-    ratios, H = np.array([2.0, 3.0, 4.0]), 2.0 ** -np.arange(3, 7)
+    ratios = np.array([2.0, 3.0, 4.0])
+    H = 2.0 ** -np.arange(3, 7)
     coords = {"H_over_h": ratios, "H": H, "stop": [1.0]}
     h = H / ratios[:, None]
     error = h[..., None] * np.reshape(factors, (3, 1, 1))
@@ -378,20 +403,20 @@ def at_ratios(factors):
 @pytest.mark.parametrize("factors", [[1, 1.04, 1.06], [1.2, 1.1, 1], [1, 1, 1]])
 def test_ratios_are_as_good_as_their_errors_at_the_same_work(factors):
     table = at_ratios(factors)
-    losses = trade.losses(table["h1_discrete"], table["setup_operations"])
+    losses = trade.losses_by_ratio(table["h1_discrete"], table["setup_operations"])
     assert list(losses.values()) == pytest.approx(np.array(factors) / min(factors))
 
 
 def test_ratios_with_too_few_sizes_take_no_part():
     table = at_ratios([1.2, 1.1, 1])
     table["setup_operations"][{"H_over_h": 2, "H": 2}] = np.nan
-    losses = trade.losses(table["h1_discrete"], table["setup_operations"])
+    losses = trade.losses_by_ratio(table["h1_discrete"], table["setup_operations"])
     assert losses == pytest.approx({2.0: 1.2 / 1.1, 3.0: 1.0})
 
 
 def test_the_price_is_that_of_the_finest_mesh_and_of_a_half():
     """Error h and work 3 h^-3, a third of it the set-up's: half of the error costs 8 times the work."""
-    found = trade.price(at_ratios([1, 1, 1]).sel(H_over_h=2), "h1", 1.0, 1 / 8)
+    found = trade.price_at_level(at_ratios([1, 1, 1]).sel(H_over_h=2), "h1", 1.0, 1 / 8)
     assert found == pytest.approx((1.0, 1 / 128, 1 / 128, 3 * 128**3, 3, 8))
 
 
@@ -399,26 +424,26 @@ def test_forming_S_pays_after_its_cost_over_what_a_step_saves():
     """Set-up 1000 + the spectrum of 3 cells against 100, steps of 10 against 40: (1000 - 100) / 30."""
     coords = {"algebra": ["S", "A"], "H": [0.5]}
     values = {
-        "setup_operations": [[1000.0 + operations.spectrum(3)], [100.0]],
+        "setup_operations": [[1000.0 + operations.count_spectrum(3)], [100.0]],
         "step_operations": [[10.0], [40.0]],
         "multipliers": [[3.0], [3.0]],
     }
     table = xr.Dataset({name: (tuple(coords), each) for name, each in values.items()}, coords=coords)
-    assert trade.breaks_even(table) == pytest.approx([30])
+    assert trade.break_even_steps(table) == pytest.approx([30])
 
 
 def test_a_run_by_A_is_its_set_up_and_its_steps():
     """Set-up 100 and 9 steps, 10 residuals of 40, against 700 less the spectrum of 3 cells and 10 of 30."""
     dims = ("algorithm", "H_over_h", "H", "stop")
     coords = dict(zip(dims, (["uzawa"], [2.0], [0.5], [0.1]), strict=True))
-    values = {"steps": 9.0, "setup_operations": 700.0 + operations.spectrum(3), "step_operations": 30.0}
+    values = {"steps": 9.0, "setup_operations": 700.0 + operations.count_spectrum(3), "step_operations": 30.0}
     values["multipliers"] = 3.0
     crossed = xr.Dataset({name: (dims, np.full((1, 1, 1, 1), x)) for name, x in values.items()}, coords)
     of_A = {"setup_operations": 100.0, "step_operations": 40.0}
     algebra = xr.Dataset(
         {name: (("algebra", "H"), [[x]]) for name, x in of_A.items()}, {"algebra": ["A"], "H": [0.5]}
     )
-    assert trade.by_A_over_by_S(algebra, crossed, "uzawa", 2.0).item() == 0.5
+    assert trade.work_of_A_over_S(algebra, crossed, "uzawa", 2.0).item() == 0.5
 
 
 def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one():

@@ -12,9 +12,9 @@ from conftest import stored as table_of
 from study.experiments.cost import numbers as cost_numbers
 from study.experiments.cost import trade
 from study.experiments.cost import work_precision_figure as work_precision
-from study.experiments.cost.measure import plan
-from study.rates import NORMS
-from unilateral.formulas.formula import real
+from study.experiments.cost.measure import plan_axes
+from study.rates import ERROR_NORMS
+from unilateral.formulas.formula import parse_real
 
 COST = config("study")["cost"]
 AXES = list(COST["axes"])
@@ -29,12 +29,12 @@ def stored(name):
     return table_of(f"cost/{name}")
 
 
-@pytest.mark.parametrize(("name", "axis"), [*zip(AXES, plan(COST), strict=True)])
+@pytest.mark.parametrize(("name", "axis"), [*zip(AXES, plan_axes(COST), strict=True)])
 def test_every_variant_ran_on_every_mesh_that_has_its_cells(name, axis):
     """H = H/h times h; cells of 16 edges need a mesh of a size H/16."""
     ran = np.isfinite(stored(name)["h"]).values.ravel()
     has = [
-        any(np.isclose(variant.H_over_h * real(h, ""), H) for h in COST["h"][variant.scene])
+        any(np.isclose(variant.H_over_h * parse_real(h, ""), H) for h in COST["h"][variant.scene])
         for variant in axis.variants
         for H in stored(name)["H"].values
     ]
@@ -70,7 +70,9 @@ def test_no_level_is_claimed_above_its_tolerance_and_a_lower_one_takes_no_fewer_
 
 def triangle(table):
     """Whether |error - discrete error| <= bound, in L2 <= bound / lambda_min^{1/2}, everywhere."""
-    bound, discrete, in_L2 = table["algebraic_bound"], table["h1_discrete"], table["l2_discrete"]
+    bound = table["algebraic_bound"]
+    discrete = table["h1_discrete"]
+    in_L2 = table["l2_discrete"]
     in_h1 = abs(table["h1_error"] - discrete) <= bound + ROUNDING * discrete
     in_l2 = abs(table["l2_error"] - in_L2) <= bound / table["lambda_min"] ** 0.5 + ROUNDING * in_L2
     met = np.isfinite(table["steps"])
@@ -89,7 +91,8 @@ def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(axis, name
 
 def test_refinement_takes_the_steps_of_double_precision_and_another_algebra_the_same():
     stored_steps = stored("precision")["steps"].sel(stop=NOT_ROUNDING)
-    double, refined = (stored_steps.sel(precision=name) for name in ("float64", "refined"))
+    double = stored_steps.sel(precision="float64")
+    refined = stored_steps.sel(precision="refined")
     assert double.sizes["stop"] >= 9
     assert (abs(double - refined) <= 1 + 1e-3 * double).all()
     steps = stored("algebra")["steps"]
@@ -98,48 +101,51 @@ def test_refinement_takes_the_steps_of_double_precision_and_another_algebra_the_
     assert (steps.sel(algebra="A_3") == steps.sel(algebra="S")).where(met, True).all()
 
 
-@pytest.mark.parametrize("norm", NORMS)
+@pytest.mark.parametrize("norm", ERROR_NORMS)
 def test_half_an_error_costs_no_more_than_theory_says(norm):
     """Work ~ h^-3 and error ~ h^rate: 2^(3/rate), the rate less its tolerance.
 
     Control: with the two finest errors as large as those before it would cost more.
     """
     most = 2 ** (3 / (RATES[norm] - SLACK[norm]))
-    for found in cost_numbers.prices(cost_numbers.by_case(stored("case")), 2, COARSEST)[norm].values():
+    for found in cost_numbers.prices_by_norm(cost_numbers.split_by_case(stored("case")), 2, COARSEST)[
+        norm
+    ].values():
         assert 1 < found.halving <= most
         assert found.over_setup > 1
     at = stored("case").sel(case="thirds", H_over_h=2, stop=0.1, H=stored("case")["H"] <= COARSEST)
-    error = trade.relative(at, norm).values.copy()
+    error = trade.relative_errors(at, norm).values.copy()
     error[2:] = error[:2]
-    assert trade.halving(at["operations"].values, error) > most
+    assert trade.halving_factor(at["operations"].values, error) > most
 
 
-@pytest.mark.parametrize("norm", NORMS)
+@pytest.mark.parametrize("norm", ERROR_NORMS)
 def test_the_front_beats_every_run(norm):
     crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
-    front = work_precision.front(stored("algorithm"), norm)
-    work, error = crossed["operations"].values.ravel(), trade.relative(crossed, norm).values.ravel()
+    front = work_precision.tabulate_front(stored("algorithm"), norm)
+    work = crossed["operations"].values.ravel()
+    error = trade.relative_errors(crossed, norm).values.ravel()
     for w, e in zip(work[np.isfinite(work)], error[np.isfinite(work)], strict=True):
-        assert ((front["work"] <= w) & (front["error"] * trade.GAIN <= e)).any()
+        assert ((front["work"] <= w) & (front["error"] * trade.MAX_FRONT_QUOTIENT <= e)).any()
     assert (np.diff(front["work"]) > 0).all()
     assert (np.diff(front["error"]) < 0).all()
 
 
 def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u():
     """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
-    lost = cost_numbers.losses(stored("case"), COARSEST)
+    lost = cost_numbers.loss_spans(stored("case"), COARSEST)
     for by_ratio in (spans for by_work in lost.values() for spans in by_work.values()):
         assert min(least for least, _ in by_ratio.values()) == 1
-    for counted in cost_numbers.COUNTED:
+    for counted in cost_numbers.WORK_TITLES:
         assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
 
 
 def test_cheapest_is_met_and_nothing_cheaper_is():
     crossed = stored("algorithm").sel(algorithm="uzawa", stop=stored("algorithm")["stop"] < 1)
-    for norm in NORMS:
-        found = trade.cheapest(stored("algorithm"), norm, 0.1)
+    for norm in ERROR_NORMS:
+        found = trade.cheapest_run(stored("algorithm"), norm, 0.1)
         assert found is not None
         assert found["error"] <= 0.1
-        good = (trade.relative(crossed, norm) <= 0.1) & (crossed["operations"] < found["operations"])
+        good = (trade.relative_errors(crossed, norm) <= 0.1) & (crossed["operations"] < found["operations"])
         assert not good.any()
-    assert trade.cheapest(stored("algorithm"), "h1", 1e-9) is None
+    assert trade.cheapest_run(stored("algorithm"), "h1", 1e-9) is None

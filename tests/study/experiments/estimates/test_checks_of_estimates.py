@@ -13,14 +13,15 @@ from study import evidence
 from study.experiments.estimates import checks as estimates
 from study.experiments.scenes import checks as scenes
 from study.ledger import claims
-from unilateral.geometry.partition import uniform
-from unilateral.geometry.polygon import named, square
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.polygon import find_polygon, square
 from unilateral.norms.dual import Gram
 
 
 def levels(**errors):
     """Errors at H = 2h on three levels; at H = h they grow."""
-    h, H = 0.5 ** np.arange(3), np.array([2, 1, 0.5, 0.25])
+    h = 0.5 ** np.arange(3)
+    H = np.array([2, 1, 0.5, 0.25])
     of = {name: np.full((2, 3, 4), NAN) for name in errors}
     for name, values in errors.items():
         of[name][:, np.arange(3), np.arange(3)] = values
@@ -117,7 +118,7 @@ def lemma_1(**changed):
     return table(**forms_of([0, 0, 0, 0, 1.0], 5 * [9.0], **given), case=["c"], H=[1.0])
 
 
-INDICES = dict.fromkeys(claims.find("F.total").parameters["value"], ("mesh", [2.0, NAN]))
+INDICES = dict.fromkeys(claims.find_claim("F.total").parameters["value"], ("mesh", [2.0, NAN]))
 
 EXACTNESS = partial(scenes.exactness, scenes=["a"], orders={"natural": 1.5, "violates_jj": 1}, tolerance=0.2)
 
@@ -165,7 +166,7 @@ ROWS = [
     ("4.10", quasi_optimal([2.0, 0.0, 0.0, 0.0], [8.0, 3.0, 3.0, 3.0], 21.0), pytest.approx(1.0)),
     ("4.10", quasi_optimal([0.0, 0.0, 2.0, 1.0], [1.0, 3.0, 0.0, 0.0], 2.5), pytest.approx(0.5)),
     (
-        partial(estimates.quasi_optimal, scenes=["a"], most_cells=3),
+        partial(estimates.quasi_optimality, scenes=["a"], max_cells=3),
         quasi_optimal([0.0, 0.0, 2.0, 1.0], [1.0, 3.0, 0.0, 0.0], 2.5),
         "there is nothing",
     ),
@@ -213,29 +214,38 @@ def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
 
 
 def test_forms_are_known_on_the_partitions_that_they_refine():
-    known = evidence.forms(forms_of_L2(4, [1, 1 / 4, 1 / 8]), "a")
+    known = evidence.dual_norm_forms(forms_of_L2(4, [1, 1 / 4, 1 / 8]), "a")
     assert [cells.n_cells for cells, _ in known] == [4, 16]
     assert {cells.polygon.name for cells, _ in known} == {square().name}
     lshape = forms_of_L2(4, [1], points=np.arange(17) / 2, polygon="lshape")
-    assert [cells.polygon.name for cells, _ in evidence.forms(lshape, "a")] == [named("lshape").name]
+    assert [cells.polygon.name for cells, _ in evidence.dual_norm_forms(lshape, "a")] == [
+        find_polygon("lshape").name
+    ]
 
 
 def test_the_infimum_over_multipliers_is_a_quadratic_programme():
     """Against Clarabel, another method, with a form that is not diagonal and random data."""
     rng = np.random.default_rng(0)
     half = rng.standard_normal((17, 17))
-    form, w, means = half.T @ half, rng.random(16), rng.random((1, 16))
+    form = half.T @ half
+    w = rng.random(16)
+    means = rng.random((1, 16))
     of = forms_of(17 * [1.0], 17 * [1.0], lambda_means=means, gap_means=[w], norm_lower=form)
     dual = table(**of)["dual_norm"]
-    gram, cells = Gram.of_table(dual), uniform(square(), 1 / 4)
-    P, q = 2 * form[:16, :16], -2 * (form[:16, :16] @ means[0] + form[:16, 16]) + w / 4
+    gram = Gram.from_table(dual)
+    cells = make_uniform_partition(square(), 1 / 4)
+    P = 2 * form[:16, :16]
+    q = -2 * (form[:16, :16] @ means[0] + form[:16, 16]) + w / 4
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     cone = [clarabel.NonnegativeConeT(16)]
-    upper, minus = sp.csc_matrix(np.triu(P)), sp.csc_matrix(-np.eye(16))
+    upper = sp.csc_matrix(np.triu(P))
+    minus = sp.csc_matrix(-np.eye(16))
     mu = clarabel.DefaultSolver(upper, q, minus, np.zeros(16), cone, settings).solve().x
     x = np.append(means[0] - np.array(mu), 1.0)
-    assert estimates.infima(dual, cells, gram)[0] == pytest.approx(x @ form @ x + w @ mu / 4, rel=1e-7)
+    assert estimates.infima_over_multipliers(dual, cells, gram)[0] == pytest.approx(
+        x @ form @ x + w @ mu / 4, rel=1e-7
+    )
 
 
 def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():

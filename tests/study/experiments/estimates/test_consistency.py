@@ -5,27 +5,32 @@ import pytest
 import sentences
 from conftest import CANTOR, certified, config, home, load
 
-from study.experiments.estimates.consistency_figure import Transition, first_transition, leading
+from study.experiments.estimates.consistency_figure import Transition, first_transition, leading_term
 from unilateral.errors import InputError
-from unilateral.geometry.partition import from_points, shifted, uniform
-from unilateral.geometry.polygon import named
+from unilateral.geometry.partition import from_points, make_shifted_partition, make_uniform_partition
+from unilateral.geometry.polygon import find_polygon
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import case as cases
 
-SQUARE, LSHAPE = named("square"), named("lshape")
+SQUARE = find_polygon("square")
+LSHAPE = find_polygon("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")
 DRAWN = config("figures")["figures"]["consistency"]["cases"]
 ZERO = 1e-15
 
 
 @pytest.mark.parametrize("polygon", ["square", "lshape"])
-@pytest.mark.parametrize("name", sorted(set(cases.names()) - set(CANTOR)))
+@pytest.mark.parametrize("name", sorted(set(cases.case_names()) - set(CANTOR)))
 def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, polygon):
     """The certificate looks at the gap's values between singular points."""
-    if polygon not in cases.declared(name)[0]["polygons"] and cases.declared(name)[0]["polygons"] != "any":
+    if (
+        polygon not in cases.read_case_declaration(name)[0]["polygons"]
+        and cases.read_case_declaration(name)[0]["polygons"] != "any"
+    ):
         polygon = home(name).name
     case = load(name, polygon)
-    starts, lengths = case.polygon.starts, case.polygon.lengths
+    starts = case.polygon.starts
+    lengths = case.polygon.lengths
     ends = [
         starts[i] + t * lengths[i] for i, *both in certified(name, polygon).contact for t in both if 0 < t < 1
     ]
@@ -33,8 +38,8 @@ def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, po
 
 
 PARTITIONS = {
-    "uniform": uniform(SQUARE, 1 / 16),
-    "shifted": shifted(SQUARE, 1 / 16, 0.3),
+    "uniform": make_uniform_partition(SQUARE, 1 / 16),
+    "shifted": make_shifted_partition(SQUARE, 1 / 16, 0.3),
     "random": from_points(
         SQUARE, np.unique(np.concatenate([range(5), 4 * np.random.default_rng(5).random(60)]))
     ),
@@ -57,16 +62,16 @@ def test_a_term_off_the_declared_transitions_is_seen(case_like):
 
     The first cell of (1/3, 5/12) holds no kink of the gap.
     """
-    gap = cases.declared("thirds")[0]["gap"]
+    gap = cases.read_case_declaration("thirds")[0]["gap"]
     gap["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
-    found = cell_means(case_like("thirds", gap=gap), uniform(SQUARE, 1 / 16))
+    found = cell_means(case_like("thirds", gap=gap), make_uniform_partition(SQUARE, 1 / 16))
     assert np.flatnonzero(found.has_transition).tolist() == [6, 9]
     assert found.consistency_terms[5] > 1e-5
     assert found.consistency_elsewhere == pytest.approx(found.consistency_terms[5], rel=1e-9)
 
 
 def test_cells_with_something_inside():
-    cells = uniform(SQUARE, 1 / 4)
+    cells = make_uniform_partition(SQUARE, 1 / 4)
     found = cells.has_inside(np.array([0.1, 0.2, 0.5, 1.0, 2.9, 3.99, 4.0, 0.0]))
     assert np.flatnonzero(found).tolist() == [0, 11, 15]
     assert not cells.has_inside(np.array([])).any()
@@ -80,9 +85,10 @@ def test_totals_are_those_predicted_at_the_first_transition(name, m):
     At its end 1 - (s/R)^2 <= 2 H/R, to the fourth power, beside a gap with the same gamma and a factor
     below 1; s^alpha is about R^alpha there, against H^alpha: relative 16 (H/R)^(4 - alpha), for alpha <= 1/2.
     """
-    case, cells = load(name), uniform(SQUARE, 1 / m)
+    case = load(name)
+    cells = make_uniform_partition(SQUARE, 1 / m)
     transition = first_transition(case)
-    predicted, _ = leading(transition, cells)
+    predicted, _ = leading_term(transition, cells)
     size = 4 / m
     room = 4 * size**2 + 16 * size ** (4 - transition.alpha)
     assert cell_means(case, cells).consistency == pytest.approx(predicted, rel=room)
@@ -90,16 +96,17 @@ def test_totals_are_those_predicted_at_the_first_transition(name, m):
 
 def test_other_exponents_would_be_seen():
     """Control."""
-    cells, found = uniform(SQUARE, 1 / 256), cell_means(load("thirds"), uniform(SQUARE, 1 / 256)).consistency
+    cells = make_uniform_partition(SQUARE, 1 / 256)
+    found = cell_means(load("thirds"), make_uniform_partition(SQUARE, 1 / 256)).consistency
     for alpha, gamma in ((1.5, 0.5), (0.45, 1.5), (0.5, 1.45)):
-        assert leading(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(found, rel=0.05)
+        assert leading_term(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(found, rel=0.05)
 
 
 def test_the_prediction_grows_with_the_side():
     """lambda and u - g are functions of s in side lengths: twice the side, twice the term at the same H/L."""
     transition = Transition(4, 1 / 3, 0.5, 1.5)  # a side of length 2
-    large, theta = leading(transition, uniform(LSHAPE, 1 / 8))
-    small, same = leading(transition._replace(side=0), uniform(SQUARE, 1 / 16))
+    large, theta = leading_term(transition, make_uniform_partition(LSHAPE, 1 / 8))
+    small, same = leading_term(transition._replace(side=0), make_uniform_partition(SQUARE, 1 / 16))
     assert theta == pytest.approx(same, rel=1e-12)
     assert large == pytest.approx(2 * small, rel=1e-12)
 
@@ -108,7 +115,7 @@ def test_the_prediction_grows_with_the_side():
 def test_the_first_transition(name, alpha, gamma):
     found = first_transition(load(name))
     assert found == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
-    assert found.rate == pytest.approx(alpha + gamma + 1)
+    assert found.term_order == pytest.approx(alpha + gamma + 1)
 
 
 def test_a_case_without_a_harmonic_atom_has_no_prediction():

@@ -13,9 +13,9 @@ from pages import drawn, lines, page, said, table
 
 from study import tables
 from study.experiments.estimates import consistency_figure as consistency
-from study.experiments.estimates.consistency_figure import first_transition, leading
-from unilateral.geometry.partition import uniform
-from unilateral.geometry.polygon import named
+from study.experiments.estimates.consistency_figure import first_transition, leading_term
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.polygon import find_polygon
 from unilateral.norms.exact_errors import cell_means
 
 
@@ -31,8 +31,10 @@ def test_both_means_stand_on_their_cells():
 
 
 def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot():
-    axes, rows = page("consistency")[0].axes[1], cells().assign(x=lambda of: 0.5 * (of["s"] + of["end"]))
-    foot, some = axes.get_ylim()[0], rows["term"] > 0
+    axes = page("consistency")[0].axes[1]
+    rows = cells().assign(x=lambda of: 0.5 * (of["s"] + of["end"]))
+    foot = axes.get_ylim()[0]
+    some = rows["term"] > 0
     positive, zero = lines(axes, markers=True)
     assert positive == list(zip(rows["x"][some].round(9), rows["term"][some].round(9), strict=True))
     assert zero == [(round(x, 9), round(foot, 9)) for x in rows["x"][~some]]
@@ -43,7 +45,8 @@ def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot():
 
 def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta():
     """Marks are filled for the first theta; cases are named with their powers."""
-    figure, rows = page("consistency")[0], table("consistency")
+    figure = page("consistency")[0]
+    rows = table("consistency")
     axes = figure.axes[2]
     for kind, markers in (("total", True), ("predicted", False)):
         groups = rows[rows["kind"] == kind].sort_values("H").groupby(["case", "theta"])
@@ -72,13 +75,14 @@ def test_the_table(tmp_path):
     of_run = ("case", "partition")
     terms = {"consistency": (of_run, [[0.5, 0.25]]), "consistency_elsewhere": (of_run, [[0.125, 0.0625]])}
     made_up = xr.Dataset(terms, coords={"case": ["thirds"], "H": ("partition", [1 / 4, 1 / 8])})
-    tables.save(made_up, tmp_path / "errors.nc", "scene")
+    tables.save_table(made_up, tmp_path / "errors.nc", "scene")
     scene = {"polygon": "square", "side": 0, "cases": ["natural", "thirds"]}
     frame = consistency.table([tmp_path / "errors.nc"], [scene], "thirds", "1/16", ["thirds"])
     case = load("thirds")
     kinds = {kind: rows for kind, rows in frame.groupby("kind")}
     assert set(kinds) == {"cell", "total", "elsewhere", "predicted"}
-    found, of_cells = cell_means(case, uniform(named("square"), 1 / 16)), kinds["cell"]
+    found = cell_means(case, make_uniform_partition(find_polygon("square"), 1 / 16))
+    of_cells = kinds["cell"]
     assert len(of_cells) == 16
     np.testing.assert_array_equal(of_cells["term"], found.consistency_terms[:16])
     np.testing.assert_allclose(of_cells["lambda_mean"] * of_cells["gap_mean"] / 16, of_cells["term"])
@@ -86,7 +90,10 @@ def test_the_table(tmp_path):
     assert kinds["total"]["term"].tolist() == [0.5, 0.25]
     assert kinds["total"]["over_H2"].tolist() == [8.0, 16.0]
     assert kinds["elsewhere"]["term"].tolist() == [0.125, 0.0625]
-    expected = [leading(first_transition(case), uniform(named("square"), H))[0] for H in (1 / 4, 1 / 8)]
+    expected = [
+        leading_term(first_transition(case), make_uniform_partition(find_polygon("square"), H))[0]
+        for H in (1 / 4, 1 / 8)
+    ]
     assert kinds["predicted"]["term"].tolist() == expected
     thetas = [Fraction(theta).limit_denominator(9) for theta in kinds["total"]["theta"]]
     assert thetas == [Fraction(1, 3), Fraction(2, 3)]

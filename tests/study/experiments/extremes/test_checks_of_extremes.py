@@ -6,7 +6,13 @@ import pytest
 from made_up import INF, NAN, observes, table
 
 from study.experiments.extremes import checks as extremes
-from study.experiments.extremes.outcome import NEVER_RIGHT, NOT_CONVERGED, REFUSED, RIGHT, WRONG
+from study.experiments.extremes.outcome import (
+    NEVER_RIGHT,
+    OUTCOME_NOT_CONVERGED,
+    OUTCOME_REFUSED,
+    OUTCOME_RIGHT,
+    OUTCOME_WRONG,
+)
 
 
 def points(**values):
@@ -20,7 +26,7 @@ SLOPE = points(value=[1, 1 / 4, 1 / 8, 1 / 16, 1 / 32, 1 / 64], measured=[9, 48,
 
 
 def power(exponent):
-    return partial(extremes.power, table="t", axis="a", below=0.25, exponent=exponent, most=0.1)
+    return partial(extremes.power_law, table="t", axis="a", max_value=0.25, exponent=exponent, at_most=0.1)
 
 
 def axes(**changed):
@@ -28,8 +34,8 @@ def axes(**changed):
     of = {
         "axis_of": ["up", "up", "down", "down"],
         "value": [1.0, 2.0, 1.0, 0.5],
-        "outcome": [RIGHT, NOT_CONVERGED, RIGHT, REFUSED],
-        "tool": [RIGHT, RIGHT, RIGHT, REFUSED],
+        "outcome": [OUTCOME_RIGHT, OUTCOME_NOT_CONVERGED, OUTCOME_RIGHT, OUTCOME_REFUSED],
+        "tool": [OUTCOME_RIGHT, OUTCOME_RIGHT, OUTCOME_RIGHT, OUTCOME_REFUSED],
         "true_error": [0.5, 0.5, 1.05, NAN],
         "guaranteed": [1.0, 1.0, 1.0, NAN],
         "allowance": [0.1, 0.1, 0.1, NAN],
@@ -52,7 +58,7 @@ def step_limit(distance):
 
 
 def steps(limit, *outcome):
-    return axes(predicted_limit=[limit, NAN], outcome=[*outcome, RIGHT, REFUSED])
+    return axes(predicted_limit=[limit, NAN], outcome=[*outcome, OUTCOME_RIGHT, OUTCOME_REFUSED])
 
 
 def floors(*measured):
@@ -60,7 +66,7 @@ def floors(*measured):
 
 
 STEPS = table(measured_limit=[1.5, 1.0], axis=["step_partial", "b"])
-FLOOR = partial(extremes.floor, table="t", axis="a", factor=5.0)
+FLOOR = partial(extremes.rounding_floor, table="t", axis="a", factor=5.0)
 
 
 def over_c(**changed):
@@ -92,7 +98,7 @@ ROWS = [
     ("X.wrong", axes(), 0),
     ("X.wrong", axes(true_error=[0.5, 1.2, 1.05, NAN]), 1),
     ("X.wrong", axes(true_error=[0.5, NAN, 1.05, NAN]), 1),
-    ("X.wrong", axes(outcome=[WRONG, RIGHT, RIGHT, REFUSED]), 1),
+    ("X.wrong", axes(outcome=[OUTCOME_WRONG, OUTCOME_RIGHT, OUTCOME_RIGHT, OUTCOME_REFUSED]), 1),
     ("X.wrong", axes(guaranteed=[1.0, INF, 1.0, NAN]), 1),
     ("X.wrong", axes(allowance=[0.1, INF, 0.1, NAN]), 1),
     ("X.wrong", by_another(0.5, 1.0), 0),
@@ -107,11 +113,15 @@ ROWS = [
     ("X.limits", axes(measured_tool_limit=[NAN, 1.0]), 1),
     ("X.limits", axes(predicted_limit=[1.999, NEVER_RIGHT], measured_limit=[2.0, 1.0]), 0),
     # Steps on the wrong side of their limit count if it was tried next to it.
-    (step_limit(1 / 3), steps(1.5, RIGHT, NOT_CONVERGED), 0),
-    (step_limit(1 / 3), steps(1.5, RIGHT, RIGHT), 1),
-    (step_limit(1 / 3), steps(1.5, REFUSED, NOT_CONVERGED), 1),
-    (step_limit(0.2), steps(2.5, RIGHT, NOT_CONVERGED), 1),
-    (step_limit(0.1), steps(1.5, RIGHT, NOT_CONVERGED), r"^0\.9 of the limit was not tried on"),
+    (step_limit(1 / 3), steps(1.5, OUTCOME_RIGHT, OUTCOME_NOT_CONVERGED), 0),
+    (step_limit(1 / 3), steps(1.5, OUTCOME_RIGHT, OUTCOME_RIGHT), 1),
+    (step_limit(1 / 3), steps(1.5, OUTCOME_REFUSED, OUTCOME_NOT_CONVERGED), 1),
+    (step_limit(0.2), steps(2.5, OUTCOME_RIGHT, OUTCOME_NOT_CONVERGED), 1),
+    (
+        step_limit(0.1),
+        steps(1.5, OUTCOME_RIGHT, OUTCOME_NOT_CONVERGED),
+        r"^0\.9 of the limit was not tried on",
+    ),
     # Floors are within a factor, and outgrow their predictions.
     (FLOOR, floors(2.0, 16.0), 0),
     *[(FLOOR, floors(*both), 1) for both in ((2.0, 26.0), (0.19, 5.0), (2.0, 8.0))],

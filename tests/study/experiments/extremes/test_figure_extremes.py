@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from pages import drawn, page, table
 
-from study.experiments.extremes.extremes_figure import KINDS
+from study.experiments.extremes.extremes_figure import OUTCOME_MARKS
 
 
 def marks(axes):
@@ -19,7 +19,8 @@ def test_every_point_stands_at_its_value_with_its_mark():
     for strip, (label, of) in zip(page("extremes")[0].axes, groups, strict=True):
         assert strip.get_title(loc="left") == label
         expected = {
-            (round(x, 9), KINDS[kind][0]) for x, kind in zip(of["log10_value"], of["kind"], strict=True)
+            (round(x, 9), OUTCOME_MARKS[kind][0])
+            for x, kind in zip(of["log10_value"], of["kind"], strict=True)
         }
         assert {(x, mark) for x, mark, _ in marks(strip)} == expected
         values = of["log10_value"].to_numpy()

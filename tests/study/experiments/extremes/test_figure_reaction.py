@@ -6,8 +6,8 @@ import pytest
 from pages import drawn, faults, lines, said
 
 from study.experiments.extremes import reaction_figure
-from study.experiments.extremes.reaction import CASES, survey_reaction
-from study.tables import save
+from study.experiments.extremes.reaction import REACTION_CASES, survey_reaction
+from study.tables import save_table
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def stored(tmp_path_factory):
     """The table of a small survey, and its file."""
     path = tmp_path_factory.mktemp("extremes") / "reaction.nc"
     table = survey_reaction({"h": ["1/4", "1/8"], "c_over_k": [1e-30, 1, 1e4]})
-    save(table, path, "extremes")
+    save_table(table, path, "extremes")
     return table, path
 
 
@@ -34,7 +34,7 @@ def test_every_line_is_that_of_a_bound_on_a_mesh(stored):
     figure = drawn("reaction", rows)[0]
     assert faults(figure) == []
     assert {"$h=1/4$", "$h=1/8$", "cheap bound", "sharp bound"} <= set(said(figure))
-    for axes, case in zip(figure.axes, CASES, strict=True):
+    for axes, case in zip(figure.axes, REACTION_CASES, strict=True):
         assert axes.get_title() == case
         of_case = rows[rows["case"] == case]
         expected = [

@@ -7,14 +7,14 @@ import pytest
 from scipy.integrate import dblquad
 
 from study.experiments.extremes.problem import structured_square
-from study.experiments.extremes.reaction import CASES, StepCase, measure, survey_reaction
+from study.experiments.extremes.reaction import REACTION_CASES, StepCase, measure, survey_reaction
 from study.ledger import claims
 from unilateral.bounds import equilibrated_flux
 from unilateral.bounds.residual_norm import ResidualParts
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import energy_norm, stiffness_and_mass
 
-STEPS = [name for name, case in CASES.items() if isinstance(case, StepCase)]
+STEPS = [name for name, case in REACTION_CASES.items() if isinstance(case, StepCase)]
 
 
 @pytest.mark.parametrize("c", [0.0, 7.0])
@@ -28,7 +28,7 @@ def test_a_smooth_error_is_that_by_another_quadrature(name, c):
         return slopes + c * (math.sin(x) * y + x**2 - x) ** 2
 
     expected = math.sqrt(dblquad(density, 0, 1, 0, 1)[0])
-    assert CASES[name].error(mesh, mesh.points[:, 0], c) == pytest.approx(expected, rel=1e-8)
+    assert REACTION_CASES[name].error(mesh, mesh.points[:, 0], c) == pytest.approx(expected, rel=1e-8)
 
 
 def solution_by_matching(case, ticks, c):
@@ -70,7 +70,7 @@ def solution_by_matching(case, ticks, c):
 @pytest.mark.parametrize("name", STEPS)
 def test_the_error_of_a_step_is_that_of_the_solution_by_matching(name, c):
     """Of a u_h that depends on x alone, by Gauss points on intervals that are graded to the layers."""
-    case = CASES[name]
+    case = REACTION_CASES[name]
     mesh = structured_square(1 / 4)
     ticks = np.linspace(0, 1, 5)
     values = np.array([0, 0.3, -0.2, 0.5, 0])
@@ -93,7 +93,7 @@ def test_the_error_of_a_step_is_that_of_the_solution_by_matching(name, c):
 @pytest.mark.parametrize("name", STEPS)
 def test_errors_of_two_functions_differ_by_what_the_equation_says(name, c):
     """|||u - v|||^2 - |||u - z|||^2 = |||v|||^2 - |||z|||^2 - 2 (f, v - z) for v, z in V_h."""
-    case = CASES[name]
+    case = REACTION_CASES[name]
     mesh = structured_square(1 / 4)
     form = Form(c=c)
     x = mesh.points[:, 0]
@@ -111,14 +111,14 @@ def test_errors_of_two_functions_differ_by_what_the_equation_says(name, c):
 def test_without_reaction_u_is_a_parabola(name, c):
     """|u|_1^2 = 1/12 for u = x (1 - x) / 2, up to a part of c."""
     mesh = structured_square(1 / 4)
-    error = CASES[name].error(mesh, np.zeros(mesh.n_nodes), c)
+    error = REACTION_CASES[name].error(mesh, np.zeros(mesh.n_nodes), c)
     assert error == pytest.approx(12**-0.5, rel=1e-14 + 2 * c)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", REACTION_CASES)
 def test_errors_are_of_first_order_where_the_mesh_resolves_u(name):
     """So the problem that is solved has this u. The ratio of two levels is 2, up to terms of higher order."""
-    errors = [measure(CASES[name], h, 1.0)["energy_error"] for h in (1 / 8, 1 / 16)]
+    errors = [measure(REACTION_CASES[name], h, 1.0)["energy_error"] for h in (1 / 8, 1 / 16)]
     assert errors[0] / errors[1] == pytest.approx(2, rel=0.05)
 
 
@@ -128,18 +128,18 @@ def survey(h, *ratios):
 
 def judged(claim, table):
     """What a claim of the ledger observes of that table."""
-    return claims.find(claim).measure({"extremes/reaction": table})
+    return claims.find_claim(claim).measure({"extremes/reaction": table})
 
 
 def test_a_survey_has_all_points_and_c_0_before_them():
     table = survey_reaction({"h": ["1/4", "1/8"], "c_over_k": [1e-30, 1]})
     assert dict(table.sizes) == {"case": 4, "mesh": 2, "c_over_k": 3}
-    assert table["case"].values.tolist() == list(CASES)
+    assert table["case"].values.tolist() == list(REACTION_CASES)
     assert table["c_over_k"].values.tolist() == [0, 1e-30, 1]
     assert table["h"].values.tolist() == [1 / 4, 1 / 8]
     assert set(table["message"].values.ravel()) == {""}
     point = table.sel(case="time step", c_over_k=1).isel(mesh=1)
-    expected = measure(CASES["time step"], 1 / 8, 1.0)
+    expected = measure(REACTION_CASES["time step"], 1 / 8, 1.0)
     assert {name: point[name].item() for name in expected} == expected
     assert judged("X.robust", table).holds
 
@@ -157,30 +157,30 @@ def test_what_is_refused_is_no_number_with_its_reason_and_fails_the_claims():
 
 
 def without_integration_by_parts(monkeypatch):
-    squares = ResidualParts._squares
+    squares = ResidualParts._squares_of_block
 
     def without(parts, block):
-        return squares(parts._replace(by_parts=np.full_like(parts.mean, math.inf)), block)
+        return squares(parts._replace(s_prime=np.full_like(parts.mean, math.inf)), block)
 
-    monkeypatch.setattr(ResidualParts, "_squares", without)
+    monkeypatch.setattr(ResidualParts, "_squares_of_block", without)
 
 
 def with_the_equilibrated_flux(monkeypatch):
-    monkeypatch.setattr(equilibrated_flux, "BALANCE", math.inf)
+    monkeypatch.setattr(equilibrated_flux, "PATCH_REACTION_RATIO", math.inf)
 
 
 def divided_by_c_alone(monkeypatch):
     """The residual counts by c^(-1/2) ||z||_0 only, and never by Poincare's or Friedrichs' inequality."""
 
     def norms(parts):
-        inside = np.hypot(parts.mean, parts.oscillation) + parts.rest
+        inside = np.hypot(parts.mean, parts.oscillation) + parts.remainder
         norm = math.sqrt(np.sum(parts.misfit**2 / parts.form.k + inside**2 / max(parts.form.c, 1e-300)))
         return norm, norm
 
-    monkeypatch.setattr(ResidualParts, "norms", norms)
+    monkeypatch.setattr(ResidualParts, "dual_norms", norms)
 
 
-OTHERS = [name for name in CASES if name != "time step"]
+OTHERS = [name for name in REACTION_CASES if name != "time step"]
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ OTHERS = [name for name in CASES if name != "time step"]
     [
         (without_integration_by_parts, 1e10, ["time step"]),
         (with_the_equilibrated_flux, 1e10, OTHERS),
-        (divided_by_c_alone, 1e-30, list(CASES)),
+        (divided_by_c_alone, 1e-30, list(REACTION_CASES)),
     ],
 )
 def test_bounds_that_are_not_robust_are_seen(monkeypatch, spoil, c, seen):

@@ -13,7 +13,7 @@ from study.experiments.extremes import measure as extremes
 from study.experiments.extremes import numbers as extremes_tables
 from study.experiments.extremes import problem, reaction
 from study.ledger import claims
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 
 STUDY = config("extremes")["extremes"]
 AXES = STUDY["axes"]
@@ -79,7 +79,9 @@ def test_what_bounds_are_allowed_is_small():
     """
     names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
     error, bound, allowance, tolerance, u_norm = (stored()[name].values for name in names)
-    tried, solved, printed = np.isfinite(error), u_norm > 0, outcomes()["allowed"]
+    tried = np.isfinite(error)
+    solved = u_norm > 0
+    printed = outcomes()["allowed"]
     assert np.all(allowance[tried] <= 0.1 * np.maximum(bound, tolerance)[tried])
     assert np.all(of("moved")["allowance"].values[:6] < 1e-10)
     assert 2 <= printed / np.max(allowance[solved] / u_norm[solved]) <= 100
@@ -99,7 +101,9 @@ def test_the_tolerance_is_that_of_the_axis():
 def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond():
     """Values on both sides of the limit, less than a factor of 10 from it."""
     for name, factor in (("data_up", 10), ("start", 1.1)):
-        outcome, value, limit = of(name)["outcome"].values, of(name)["value"], of(name)["predicted_limit"]
+        outcome = of(name)["outcome"].values
+        value = of(name)["value"]
+        limit = of(name)["predicted_limit"]
         np.testing.assert_array_equal(outcome, np.where(value < limit, "right", "refused"))
         assert limit / factor < value[value < limit].max()
         assert value[value > limit].min() < limit * factor
@@ -109,7 +113,8 @@ def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond():
 
 def test_short_cells_hardly_matter_from_0_and_do_from_a_start_that_loads_them():
     """Then plain Uzawa fails wherever it does from 0, and the tool does where S is just regular."""
-    plain, harder = (of(axis)["outcome"].values == "right" for axis in ("short", "short_loaded"))
+    plain = of("short")["outcome"].values == "right"
+    harder = of("short_loaded")["outcome"].values == "right"
     assert np.all(plain | ~harder)
     assert np.count_nonzero(plain) > np.count_nonzero(harder) > 0
     tool, measured, bound, tolerance = numbers_of(
@@ -138,7 +143,7 @@ def test_condition_numbers_follow_their_laws(axis, exponent):
     assert slope == pytest.approx(exponent, abs=0.1)
 
 
-@pytest.mark.parametrize("axis", extremes_tables.LAWS)
+@pytest.mark.parametrize("axis", extremes_tables.CONDITION_AXES)
 def test_condition_numbers_are_hardly_above_what_is_predicted_of_them(axis):
     """2.5 times at most, for the law is that of lower bounds of lambda_max and of the shortest cell."""
     measured, predicted = numbers_of(axis, "measured", "predicted")
@@ -224,16 +229,18 @@ def test_the_figure_s_rows_are_the_points():
 
 
 def outcomes():
-    return numbers.flat(extremes_tables.outcomes(stored()))
+    return numbers.flatten_groups(extremes_tables.summarise_outcomes(stored()))
 
 
 def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
     """In the second those without limits, on which all is right."""
-    limited, others = (f(stored()) for f in (extremes_tables.limits, extremes_tables.unlimited))
+    limited = extremes_tables.tabulate_limits(stored())
+    others = extremes_tables.tabulate_unlimited_axes(stored())
     labels = {axis["label"] for axis in AXES.values()}
     assert sorted([*limited["axis"], *others["axis"]]) == sorted(labels)
     for name in AXES:
-        label, right = of(name)["label"].item(), set(of(name)["outcome"].values) == {"right"}
+        label = of(name)["label"].item()
+        right = set(of(name)["outcome"].values) == {"right"}
         limits = [of(name)[limit].item() for limit in ("predicted_limit", "predicted_tool_limit")]
         assert (label in list(others["axis"])) == (right and bool(np.isnan(limits).all()))
     assert (limited["limit of `unilateral solve`: predicted, met at"] == "not offered").sum() == len(
@@ -246,13 +253,13 @@ def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
 
 
 def test_the_supplement_names_every_axis_that_has_settings_of_its_own():
-    text = marks.without_marks((ROOT / "supplement.md").read_text(encoding="utf-8"))
+    text = marks.remove_marks((ROOT / "supplement.md").read_text(encoding="utf-8"))
     own = [name for name, axis in AXES.items() if {"h", "H", "accuracy"} & set(axis)]
     assert len(own) == 3
     assert "Three axes have settings of their own." in text
     for axis in own:
         assert f"For *{AXES[axis]['label']}* " in text
-    assert f"but at least $10^{{{math.log10(problem.LEAST):.0f}}}$, times" in text
+    assert f"but at least $10^{{{math.log10(problem.MIN_ROUNDING):.0f}}}$, times" in text
 
 
 def over_c():
@@ -262,8 +269,8 @@ def over_c():
 def test_the_table_over_c_is_complete_and_has_a_bound_everywhere():
     declared = STUDY["reaction"]
     assert over_c()["c_over_k"].values.tolist() == [0, *declared["c_over_k"]]
-    assert over_c()["h"].values.tolist() == [real(h, "") for h in declared["h"]]
-    assert over_c()["case"].values.tolist() == list(reaction.CASES)
+    assert over_c()["h"].values.tolist() == [parse_real(h, "") for h in declared["h"]]
+    assert over_c()["case"].values.tolist() == list(reaction.REACTION_CASES)
     assert set(over_c()["message"].values.ravel()) == {""}
 
 
@@ -275,7 +282,7 @@ def test_errors_over_c_halve_with_h_where_the_mesh_resolves_u():
 
 def test_what_is_said_of_bounds_over_c_is_in_the_table():
     """Every number by a loop over all points."""
-    said = extremes_tables.reaction(over_c())
+    said = extremes_tables.summarise_reaction(over_c())
     points = over_c().stack(point=("case", "mesh", "c_over_k"))
     rows = [points.isel(point=i) for i in range(points.sizes["point"])]
     for bound in ("cheap", "sharp"):
@@ -284,5 +291,5 @@ def test_what_is_said_of_bounds_over_c_is_in_the_table():
     assert (said["from"], said["to"]) == (1e-30, 1e16)
     assert (said["coarsest"], said["finest"]) == (1 / 8, 1 / 32)
     # f = c + 1 in the boundary layers, which changes u by 1 % for c = 0.01
-    tiny = claims.find("X.tiny").measure({"extremes/reaction": over_c()}).observed
+    tiny = claims.find_claim("X.tiny").measure({"extremes/reaction": over_c()}).observed
     assert tiny <= said["slight"] <= 0.02

@@ -11,50 +11,50 @@ from numpy.testing import assert_allclose
 
 from study.experiments.graded import levels, measure
 from study.experiments.graded import numbers as in_documents
-from study.experiments.graded.measure import graded, least_angle
-from unilateral.discrete.condensed import with_solution
+from study.experiments.graded.measure import grade_to_vertex, smallest_angle
+from unilateral.discrete.condensed import discretise_case
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact_errors import exact
+from unilateral.geometry.polygon import find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.exact_errors import project_case
 from unilateral.solvers.stop import Stop
 
-LSHAPE, HEXAGON = named("lshape"), named("hexagon")
+LSHAPE = find_polygon("lshape")
+HEXAGON = find_polygon("hexagon")
 CASE = load("reentrant_full", "lshape")
 STOP = Stop(fraction=0.01, algorithm="newton")
-COARSE = structured(LSHAPE, 1 / 4)
+COARSE = make_structured_mesh(LSHAPE, 1 / 4)
 
 
 @pytest.fixture(scope="module")
 def spaces():
     """On an L-shape of 65 nodes, graded with kappa = 1/2."""
-    mesh = graded(COARSE, 2, 1.0, 0.5)
-    return mixed_spaces(condense(mesh), measure.cells_of(mesh))
+    mesh = grade_to_vertex(COARSE, 2, 1.0, 0.5)
+    return mixed_spaces(condense(mesh), measure.two_edge_cells(mesh))
 
 
 @pytest.fixture(scope="module")
 def measured():
     """Of two levels; the dual norm on the coarser one only."""
-    both = [graded(mesh, 2, 1.0, 0.5) for mesh in (COARSE, meshes.refine(COARSE))]
-    return measure.on_levels(both, CASE, 16, STOP)
+    both = [grade_to_vertex(mesh, 2, 1.0, 0.5) for mesh in (COARSE, meshes.refine_uniformly(COARSE))]
+    return measure.measure_levels(both, CASE, 16, STOP)
 
 
 @pytest.mark.parametrize("kappa", [0.5, 0.7])
 def test_nodes_on_the_sides_lie_at_the_powers_and_those_far_away_stay(kappa):
     """On the side from (0, 0) to (1, 0), at (j/4)^(1/kappa); on the hexagon R = 2/5 moves some nodes only."""
-    mesh = graded(COARSE, 2, 1.0, kappa)
+    mesh = grade_to_vertex(COARSE, 2, 1.0, kappa)
     x, y = mesh.points.T
     on_side = np.sort(x[(np.abs(y) < 1e-14) & (x >= 0)])
     assert_allclose(on_side, (np.arange(5) / 4) ** (1 / kappa), rtol=1e-13, atol=1e-15)
-    equal = meshes.unstructured(HEXAGON, 1 / 8)
-    moved = graded(equal, 1, 0.4, kappa)
-    distance, way = (
-        np.hypot(*of.T) for of in (equal.points - HEXAGON.vertices[1], moved.points - equal.points)
-    )
+    equal = meshes.make_unstructured_mesh(HEXAGON, 1 / 8)
+    moved = grade_to_vertex(equal, 1, 0.4, kappa)
+    distance = np.hypot(*(equal.points - HEXAGON.vertices[1]).T)
+    way = np.hypot(*(moved.points - equal.points).T)
     assert_allclose(way[distance >= 0.4], 0, atol=1e-15)
     assert np.all(way[(distance > 0.01) & (distance < 0.39)] > 0.001)
     assert np.all(moved.areas > 0)
@@ -62,7 +62,7 @@ def test_nodes_on_the_sides_lie_at_the_powers_and_those_far_away_stay(kappa):
 
 
 def test_without_grading_the_mesh_is_the_same():
-    assert np.array_equal(graded(COARSE, 2, 1.0, 1.0).points, COARSE.points)
+    assert np.array_equal(grade_to_vertex(COARSE, 2, 1.0, 1.0).points, COARSE.points)
 
 
 def test_sizes_are_like_h_times_the_power_of_the_distance():
@@ -70,9 +70,11 @@ def test_sizes_are_like_h_times_the_power_of_the_distance():
 
     Control: without the power it grows.
     """
-    kappa, spread, control = 0.5, [], []
-    for mesh in (COARSE, meshes.refine(COARSE, 2), meshes.refine(COARSE, 4)):
-        found = graded(mesh, 2, 1.0, kappa)
+    kappa = 0.5
+    spread = []
+    control = []
+    for mesh in (COARSE, meshes.refine_uniformly(COARSE, 2), meshes.refine_uniformly(COARSE, 4)):
+        found = grade_to_vertex(mesh, 2, 1.0, kappa)
         r = np.hypot(*found.points[found.triangles].mean(axis=1).T)
         share = found.longest_edges / (mesh.h * r ** (1 - kappa))
         spread.append(share.max() / share.min())
@@ -83,10 +85,12 @@ def test_sizes_are_like_h_times_the_power_of_the_distance():
 
 def test_angles_are_bounded_below_from_level_to_level():
     """By hand: 45 degrees in half squares, and the smaller angle of a right triangle with legs 1 and 2."""
-    assert least_angle(COARSE) == pytest.approx(45, abs=1e-9)
-    flat = meshes.from_arrays(named("square"), [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.25]], FAN)
-    assert least_angle(flat) == pytest.approx(np.degrees(np.arctan(0.5)), abs=1e-9)
-    angles = [least_angle(graded(meshes.refine(COARSE, k), 2, 1.0, 0.5)) for k in range(1, 4)]
+    assert smallest_angle(COARSE) == pytest.approx(45, abs=1e-9)
+    flat = meshes.from_arrays(find_polygon("square"), [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.25]], FAN)
+    assert smallest_angle(flat) == pytest.approx(np.degrees(np.arctan(0.5)), abs=1e-9)
+    angles = [
+        smallest_angle(grade_to_vertex(meshes.refine_uniformly(COARSE, k), 2, 1.0, 0.5)) for k in range(1, 4)
+    ]
     assert_allclose(angles, angles[0], rtol=1e-6)
 
 
@@ -96,14 +100,14 @@ FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
 def test_what_cannot_be_graded_so_is_refused():
     """Too strong a grading leaves no area; three edges on each side leave no cells of two."""
     with sentences.raises(InputError):
-        graded(COARSE, 2, 1.0, 0.01)
+        grade_to_vertex(COARSE, 2, 1.0, 0.01)
     with sentences.raises(InputError):
-        measure.cells_of(structured(square(), 1 / 3))
+        measure.two_edge_cells(make_structured_mesh(square(), 1 / 3))
 
 
 def test_cells_have_two_edges_and_a_node_well_inside(spaces):
     """The nearest ones to the vertex by hand: the node is at a quarter of the cell, as (1/2)^2."""
-    found = measure.resolved(spaces)
+    found = measure.mesh_resolution(spaces)
     assert np.array_equal(spaces.partition.points, spaces.mesh.s[::2])
     assert found["delta"] == pytest.approx(1 / 4, rel=1e-12)
     assert found["alpha_1"] == pytest.approx(3, rel=1e-12)
@@ -116,9 +120,12 @@ def test_in_full_contact_the_problem_is_linear(spaces):
     Control: the singular part's has both signs, and so is no solution of a contact problem.
     """
     singular, smooth = (replace(CASE, atoms=(atom,)) for atom in CASE.atoms)
-    parts = [measure.equality(with_solution(spaces, exact(part, spaces))) for part in (singular, smooth)]
-    seen = exact(CASE, spaces)
-    found = with_solution(spaces, seen).solved(Stop(tolerance=1e-10, algorithm="active_set"))
+    parts = [
+        measure.equality_multiplier(discretise_case(spaces, project_case(part, spaces)))
+        for part in (singular, smooth)
+    ]
+    seen = project_case(CASE, spaces)
+    found = discretise_case(spaces, seen).solve(Stop(tolerance=1e-10, algorithm="active_set"))
     assert found.lambda_H.min() > 0
     assert_allclose(sum(parts), found.lambda_H, rtol=1e-9, atol=1e-9)
     assert parts[0].min() < 0 < parts[0].max()
@@ -127,28 +134,28 @@ def test_in_full_contact_the_problem_is_linear(spaces):
 def test_the_part_of_the_singular_function_by_the_split(spaces):
     """D by the square of ||u - u_h||_1 less that of ||u - z_h||_1, for the function alone."""
     part = replace(CASE, atoms=(measure.singular_atom(CASE),))
-    seen = exact(part, spaces)
-    mu = measure.equality(with_solution(spaces, seen))
+    seen = project_case(part, spaces)
+    mu = measure.equality_multiplier(discretise_case(spaces, seen))
     h1 = seen.errors(spaces, mu).h1
     expected = np.sqrt(h1**2 - seen.ritz.ritz_error**2)
-    assert measure.alone(part, spaces) == pytest.approx(expected, rel=1e-6)
+    assert measure.singular_part_error(part, spaces) == pytest.approx(expected, rel=1e-6)
 
 
 def test_t_is_that_of_lemma_1():
     """On equal cells H^{-1/2} ||Pi_H(u - z_h)||_0."""
-    on_equal = mixed_spaces(condense(COARSE), measure.cells_of(COARSE))
-    seen = exact(CASE, on_equal)
-    expected = seen.ritz_means(on_equal) * 0.5**-0.5
+    on_equal = mixed_spaces(condense(COARSE), measure.two_edge_cells(COARSE))
+    seen = project_case(CASE, on_equal)
+    expected = seen.ritz_means_norm(on_equal) * 0.5**-0.5
     assert measure.weighted_ritz_means(seen, on_equal) == pytest.approx(expected, rel=1e-12)
 
 
 def test_one_reference_mesh_serves_all_levels_with_few_cells(measured):
     """Beyond that the dual norm is not known. Control: the forms of the level's own reference mesh."""
     assert measured["hm12_error_lower"].isnull().values.tolist() == [False, True]
-    finer = [graded(meshes.refine(COARSE, k), 2, 1.0, 0.5) for k in range(2)]
-    both = measure.on_levels(finer, CASE, 32, STOP)
-    partition = measure.cells_of(finer[0])
-    form = dual_norm(partition, [CASE]).gram([CASE])
+    finer = [grade_to_vertex(meshes.refine_uniformly(COARSE, k), 2, 1.0, 0.5) for k in range(2)]
+    both = measure.measure_levels(finer, CASE, 32, STOP)
+    partition = measure.two_edge_cells(finer[0])
+    form = build_dual_norm(partition, [CASE]).gram([CASE])
     assert len(partition.lengths) == 16
     for name in ("hm12_error_lower", "hm12_error_upper", "beta_lower"):
         assert float(both[name][0]) == pytest.approx(float(measured[name][0]), rel=0.01)
@@ -165,12 +172,12 @@ def test_labels_say_which_case_and_singularity(measured):
 def test_adapted_meshes_keep_the_limit_and_grade_to_the_vertex():
     """The shortest edge is halved with nearly every step. D by the split of ||u - u_h||_1."""
     scene = {"polygon": "lshape", "mesh": {"kind": "structured", "h": "1/4"}}
-    rows = list(measure.on_adapted(scene, CASE, 400, Stop(fraction=1e-4)))
+    rows = list(measure.measure_refined_levels(scene, CASE, 400, Stop(fraction=1e-4)))
     assert rows[0]["unknowns"] == 65
     assert rows[-1]["unknowns"] <= 400
     assert [row["shortest_edge"] for row in rows] == [1 / 4, 1 / 8, 1 / 16]
-    on_first = mixed_spaces(condense(COARSE), measure.cells_of(COARSE))
-    ritz = exact(CASE, on_first).ritz.ritz_error
+    on_first = mixed_spaces(condense(COARSE), measure.two_edge_cells(COARSE))
+    ritz = project_case(CASE, on_first).ritz.ritz_error
     expected = np.sqrt(rows[0]["h1_error"] ** 2 - ritz**2)
     assert rows[0]["discrete_error"] == pytest.approx(expected, rel=1e-4)
 
@@ -178,11 +185,11 @@ def test_adapted_meshes_keep_the_limit_and_grade_to_the_vertex():
 def test_orders_by_hand():
     """Errors like 4^-level have the order 2; unknowns 1, 2, 4, .. and errors 1/N the order 2 in N^-1/2."""
     error = xr.DataArray([[1, 1 / 4, 1 / 16], [1, 1, np.nan]], dims=("run", "level"))
-    assert_allclose(levels.halved(error), [[2, 2], [0, np.nan]])
+    assert_allclose(levels.rates_by_halving(error), [[2, 2], [0, np.nan]])
     N = np.array([1, 2, 4, 8, 16, np.nan])
-    assert_allclose(levels.far_apart(N, 1 / N, 4), [2, 2, 2])
-    assert_allclose(levels.far_apart(N, N**-0.25, 16), [0.5])
-    assert not len(levels.far_apart(N, 1 / N, 17))
+    assert_allclose(levels.orders_between_levels(N, 1 / N, 4), [2, 2, 2])
+    assert_allclose(levels.orders_between_levels(N, N**-0.25, 16), [0.5])
+    assert not len(levels.orders_between_levels(N, 1 / N, 17))
 
 
 def test_the_tables_of_documents():
@@ -194,12 +201,12 @@ def test_the_tables_of_documents():
     table = table.assign_coords(
         case=("run", ["a", "b"]), kappa=("run", [1.0, 0.5]), exponent=("run", [2 / 3] * 2)
     )
-    rows = in_documents.orders(table)
+    rows = in_documents.tabulate_graded_orders(table)
     assert rows.iloc[0].tolist() == ["`a`", "1.5π", "1", "0.67", "0.67", *["1.00"] * 4]
     assert rows.iloc[1].tolist() == ["`b`", "1.5π", "0.5", "1.33", "1.33", *["2.00"] * 4]
     N = np.array([[10.0, 40, 160, 640]])
     order = ("case", "level")
     of = {"unknowns": (order, N), "h1_error": (order, N**-0.5)}
     of |= {"discrete_error": (order, np.array([[1, 1, 1 / 16, 1 / 64]])), "shortest_edge": (order, 1 / N)}
-    (row,) = in_documents.orders_in_unknowns(xr.Dataset(of, coords={"case": ["a"]})).values.tolist()
+    (row,) = in_documents.tabulate_adapted_orders(xr.Dataset(of, coords={"case": ["a"]})).values.tolist()
     assert row == ["`a`", "640", "1.00 to 1.00", "2.00 to 3.00", "2.00 to 2.00"]

@@ -6,10 +6,10 @@ from pages import committed, drawn, lines, said
 
 import unilateral as ul
 from study.experiments.portrait import portrait_figure as portrait
-from unilateral.geometry.polygon import named
+from unilateral.geometry.polygon import find_polygon
 
 F = "-1 - 3*x - 9*x*y"
-DOMAIN = named("lshape")
+DOMAIN = find_polygon("lshape")
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,8 @@ def rows(table, kind, of="computed"):
 def test_the_triangles_cover_the_domain_and_u_h_is_one_value_at_each_node(table):
     field = rows(table, "mesh")
     corners = field[["x", "y"]].to_numpy().reshape(-1, 3, 2)
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    a = corners[:, 1] - corners[:, 0]
+    b = corners[:, 2] - corners[:, 0]
     areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     assert np.all(areas > 0)
     assert areas.sum() == pytest.approx(3, rel=1e-12)
@@ -39,7 +40,8 @@ def test_the_triangles_cover_the_domain_and_u_h_is_one_value_at_each_node(table)
 
 def test_values_are_those_of_the_library(table, solution):
     """An absolute algebraic error of the size of both guaranteed stops."""
-    field, cells = rows(table, "mesh"), rows(table, "cell")
+    field = rows(table, "mesh")
+    cells = rows(table, "cell")
     u = solution.u_at(field[["x", "y"]].to_numpy())
     np.testing.assert_allclose(field["value"], u, rtol=0, atol=1e-2 * np.ptp(u))
     np.testing.assert_allclose(
@@ -71,7 +73,7 @@ def test_contact_is_drawn_where_the_reference_has_a_multiplier():
     figure, _ = drawn("portrait", data)
     lower = figure.axes[3]
     assert lower.get_xlabel().startswith("arc length")
-    (foot,) = [line for line in lower.lines if line.get_color() == portrait.CONTACT["color"]]
+    (foot,) = [line for line in lower.lines if line.get_color() == portrait.CONTACT_LOOK["color"]]
     cells = rows(data, "cell", "reference")
     held = cells["value"] > 0
     assert 0.2 < held.mean() < 0.8

@@ -10,7 +10,8 @@ def rates_table(*rates, verdict="holds", why="", cases=("full_contact", "natural
 
     The first pair is not asymptotic. All rates hold but those of the last case, which have that verdict.
     """
-    at, shape = ("case", "norm", "h_over_H"), (len(rates), 3, 2)
+    at = ("case", "norm", "h_over_H")
+    shape = (len(rates), 3, 2)
     rate = np.zeros((*shape, len(rates[0])))
     rate[..., 0, :] = np.array(rates)[:, None]
     verdicts = np.full(shape, "holds", dtype="<U10")
@@ -28,8 +29,11 @@ def rates_table(*rates, verdict="holds", why="", cases=("full_contact", "natural
     )
 
 
-FAST, RISING, LOW = [0.1, 1.0, 0.9], [0.1, 0.8, 1.1], [0.1, 0.3, 1.1]
-VERTICES, REGULAR = ["obtuse_0.9", "reentrant_full"], ["singular", "reentrant"]
+FAST = [0.1, 1.0, 0.9]
+RISING = [0.1, 0.8, 1.1]
+LOW = [0.1, 0.3, 1.1]
+VERTICES = ["obtuse_0.9", "reentrant_full"]
+REGULAR = ["singular", "reentrant"]
 LAST = [[1.0, 8, 5, 1], [9, 2, 9, 1]]
 """Over the last two pairs from 8 to 1 and from 2 to 1: 2^3 and 2^1 over a factor of 4."""
 

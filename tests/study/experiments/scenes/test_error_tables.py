@@ -30,7 +30,7 @@ def made_up():
 
 
 def test_the_table_of_rates():
-    table = scenes.rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
+    table = scenes.tabulate_rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
     heads = [
         "$u$ in $H^1$ (proved 1)",
         r"$\lambda$ in $H^{-1/2}$ (proved 1)",
@@ -46,12 +46,12 @@ def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
     """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
     other = made_up().isel(case=[0])
     other["rate"][0, :, 0, 2] = 0.75
-    table = scenes.rates_by_case({"square": made_up(), "again": other}, 0.5)
+    table = scenes.tabulate_rates_by_case({"square": made_up(), "again": other}, 0.5)
     first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
     assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
     unknown = made_up().isel(case=[0])
     unknown["verdict"][:] = "not judged"
-    assert scenes.rates_by_case({"square": unknown}, 0.5).empty
+    assert scenes.tabulate_rates_by_case({"square": unknown}, 0.5).empty
 
 
 def made_up_pairs():
@@ -70,14 +70,14 @@ def made_up_pairs():
 
 
 def test_lower_bounds_of_beta_are_rounded_down():
-    table = stability.least(made_up_pairs(), [2, 4])
+    table = stability.tabulate_least_beta(made_up_pairs(), [2, 4])
     assert list(table) == [r"$\beta$ at least, at $H/h$ =", "2", "4"]
     assert table.values.tolist() == [["square", "0.73", "0.92"], ["gmsh", "0.77", "0.95"]]
 
 
 def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
     """By hand: four pairs keep it."""
-    found = numbers.flat(stability.beta(made_up_pairs(), 2, 20))
+    found = numbers.flatten_groups(stability.summarise_rule(made_up_pairs(), 2, 20))
     assert found["kept"] == 4
     assert (found["flat.beta"], found["flat.mesh"]) == (0.508, "graded")
     assert found["edges.angle"] == 1.14
@@ -85,12 +85,12 @@ def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
 
 def test_the_rule_follows_its_parameters():
     """Control."""
-    assert stability.beta(made_up_pairs(), 2, 42)["kept"] == 2
+    assert stability.summarise_rule(made_up_pairs(), 2, 42)["kept"] == 2
 
 
 def test_which_measure_predicts_beta():
     """By hand: the ranks of h/H, of the edges and of H_i/edge against those of beta."""
-    table = stability.correlations(made_up_pairs(), 20)
+    table = stability.tabulate_correlations(made_up_pairs(), 20)
     assert table.values.tolist()[0] == ["3 pairs that are not uniform", "0.50", "0.87", "0.50"]
     assert table.iloc[1, 0] == "1 of them without angles below 20°"
 
@@ -111,11 +111,11 @@ def test_exceptions_are_named_with_what_they_lack():
         },
     )
     rates["held"] = (("level", "alpha", "gamma"), [2 * [[0.5, 0.5]], 2 * [[0.5, 0.5]], 2 * [[0.125, 0.5]]])
-    assert sharpness.exceptions(rates, {"hm12": 0.1}).values.tolist() == []
+    assert sharpness.tabulate_exceptions(rates, {"hm12": 0.1}).values.tolist() == []
     rates["rate"][0, -1, 1, 0] = 1.25
-    table = sharpness.exceptions(rates, {"hm12": 0.1})
+    table = sharpness.tabulate_exceptions(rates, {"hm12": 0.1})
     lacks = 0.25 - 0.5 * np.log2((1 + np.log(4)) / (1 + np.log(2)))
-    assert list(table) == [r"$\alpha$", r"$\gamma$", r"$\lambda$ in $H^{-1/2}$", sharpness.HELD]
+    assert list(table) == [r"$\alpha$", r"$\gamma$", r"$\lambda$ in $H^{-1/2}$", sharpness.POSITIONS_TITLE]
     assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
 
 
@@ -124,7 +124,9 @@ def test_the_table_of_floors():
     fits = xr.Dataset(
         {name: ("case", [value]) for name, value in values.items()}, coords={"case": ["natural"]}
     )
-    assert scenes.floors(fits).values.tolist() == [["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]]
+    assert scenes.tabulate_floors(fits).values.tolist() == [
+        ["`natural`", "1.23", "0.5", "1.50 ± 0.01", "7", "1.2 %"]
+    ]
 
 
 def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
@@ -137,9 +139,9 @@ def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
         [1.0, 0.5, 3.0, 0.2],
         [0.5, 0.5, 1.0, 0.1],
     ]
-    assert stability.inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
+    assert stability.summarise_inner_nodes(pd.DataFrame(rows, columns=columns)) == {"pairs": 5, "middle": 0.6}
 
 
 def test_what_is_told_of_theorems_comes_from_their_claims():
-    assert sharpness.theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
-    assert sharpness.theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0
+    assert sharpness.summarise_theorems({"T.H": -0.03, "T.D": 0.75}) == {"deficit": 0.03, "slack": 0.25}
+    assert sharpness.summarise_theorems({"T.H": 0.03, "T.D": 0.75})["deficit"] == 0

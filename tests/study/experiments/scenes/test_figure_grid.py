@@ -10,7 +10,7 @@ from study.experiments.scenes import grid_figure as grid
 
 
 def test_the_table(tmp_path):
-    tables.save(study_errors(), tmp_path / "errors.nc", "scene")
+    tables.save_table(study_errors(), tmp_path / "errors.nc", "scene")
     frame = grid.table(tmp_path / "errors.nc", ["made_up"])
     assert len(frame) == 3 * 3 * 4
     np.testing.assert_allclose(frame["h_over_H"], frame["h"] / frame["H"], rtol=1e-15)
@@ -22,7 +22,8 @@ def test_the_table(tmp_path):
 
 
 def test_every_error_stands_in_its_cell():
-    rows, texts = table("grid"), said(page("grid")[0])
+    rows = table("grid")
+    texts = said(page("grid")[0])
     numbers = [float(text) for text in texts if re.fullmatch(r"\d\.\de-\d", text)]
     assert sorted(numbers) == sorted(float(f"{error:.1e}") for error in rows["error"].dropna())
     assert texts.count("$\\beta=0$") == np.sum(rows["error"].isna() & (rows["beta_zero"] == 1)) > 0

@@ -27,8 +27,8 @@ def study_rates():
 @pytest.fixture
 def stored(tmp_path):
     """The tables of a made-up study: errors 12 h."""
-    tables.save(study_errors(), tmp_path / "errors.nc", "scene")
-    tables.save(study_rates(), tmp_path / "rates.nc", "scene")
+    tables.save_table(study_errors(), tmp_path / "errors.nc", "scene")
+    tables.save_table(study_rates(), tmp_path / "rates.nc", "scene")
     return tmp_path / "errors.nc", tmp_path / "rates.nc"
 
 
@@ -49,20 +49,21 @@ def test_a_ratio_at_which_nothing_was_solved_is_left_out(stored):
     """The study has levels with h/H = 1, 1/2 and 1/4, and runs for the first two."""
     ratios = [1.0, 0.5, 0.25]
     several = xr.concat([study_rates().assign_coords(h_over_H=[ratio]) for ratio in ratios], "h_over_H")
-    tables.save(several, stored[1], "scene")
+    tables.save_table(several, stored[1], "scene")
     assert set(study_errors()["h_over_H"].values.flat) >= set(ratios)
     assert set(rates.table(*stored)["h_over_H"]) == {1.0, 0.5}
 
 
 def test_a_study_without_levels_to_draw_is_refused(stored):
-    tables.save(study_rates().assign_coords(h_over_H=[0.3]), stored[1], "scene")
+    tables.save_table(study_rates().assign_coords(h_over_H=[0.3]), stored[1], "scene")
     with sentences.raises(InputError):
         rates.table(*stored)
 
 
 def test_rates_are_those_of_the_table():
     """The table's rates are not the slopes of its errors: nothing is fitted here."""
-    texts, rows = said(page("rates")[0]), table("rates")
+    texts = said(page("rates")[0])
+    rows = table("rates")
     runs = rows.groupby(["case", "norm", "h_over_H"])["rate"].first()
     expected = rows.groupby(["case", "norm"])["expected"].first()
     numbers = [f"{x:.2f}" for x in [*runs, *expected] if np.isfinite(x)]
@@ -80,7 +81,8 @@ def test_a_case_without_a_rate_says_why(errors, why):
     rows = committed("rates")
     of_case = (rows["case"] == "smooth") & (rows["norm"] == "l2")
     rows.loc[of_case, ["error", "rate", "expected"]] = [errors, np.nan, np.nan]
-    before, after = said(page("rates")[0]), said(drawn("rates", rows)[0])
+    before = said(page("rates")[0])
+    after = said(drawn("rates", rows)[0])
     assert after.count(why) == before.count(why) + 1
 
 

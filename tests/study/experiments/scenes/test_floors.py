@@ -5,7 +5,7 @@ import pytest
 import sentences
 import xarray as xr
 
-from study.experiments.scenes.floors import by_case, fit
+from study.experiments.scenes.floors import fit_cases, fit_floor
 from unilateral.errors import InputError
 
 SIZES = [a.ravel() for a in np.meshgrid(2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9), indexing="ij")]
@@ -21,7 +21,7 @@ def law(C1, C2, s):
 )
 def test_an_exact_law_is_found(C1, C2, s):
     """To 1e-6: the square root of round-off, as a minimum of squares is known."""
-    found = fit(*SIZES, law(C1, C2, s))
+    found = fit_floor(*SIZES, law(C1, C2, s))
     assert (found.C1, found.C2, found.s) == pytest.approx((C1, C2, s), rel=1e-6)
     assert found.s_uncertainty < 1e-6
     assert found.residual < 1e-6
@@ -35,7 +35,7 @@ def test_the_uncertainty_is_that_of_repeated_noise():
     """
     random = np.random.default_rng(1)
     exact = law(0.3, 2.0, 1.25)
-    found = [fit(*SIZES, exact * np.exp(0.02 * random.standard_normal(42))) for _ in range(200)]
+    found = [fit_floor(*SIZES, exact * np.exp(0.02 * random.standard_normal(42))) for _ in range(200)]
     stated = np.median([each.s_uncertainty for each in found])
     observed = np.std([each.s for each in found])
     assert observed == pytest.approx(stated, rel=0.2)
@@ -45,7 +45,7 @@ def test_the_uncertainty_is_that_of_repeated_noise():
 def test_another_law_leaves_a_residual():
     """Control: a sum of three powers, whose H^(1/2) no s near 3/2 can follow."""
     h, H = SIZES
-    found = fit(h, H, np.sqrt(h**2 + H**3 + 0.01 * H))
+    found = fit_floor(h, H, np.sqrt(h**2 + H**3 + 0.01 * H))
     assert found.residual > 0.1
     assert abs(found.s - 1.5) > 0.1
 
@@ -55,12 +55,13 @@ def test_too_few_sizes_are_refused(kept):
     """Three errors; one h; one H."""
     h, H = SIZES
     with sentences.raises(InputError):
-        fit(h[kept], H[kept], law(1, 1, 1)[kept])
+        fit_floor(h[kept], H[kept], law(1, 1, 1)[kept])
 
 
 def table():
     """A case with an exact law, but wrong on coarse levels and unknown on a pair; one with lambda = 0."""
-    h, H = 2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9)
+    h = 2.0 ** -np.arange(3, 9)
+    H = 2.0 ** -np.arange(2, 9)
     error = law(0.3, 2.0, 1.25).reshape(6, 7).copy()
     error[0] *= 3
     error[:, 0] *= 3
@@ -76,11 +77,11 @@ def table():
 
 
 def test_only_asymptotic_sizes_count_and_lambda_must_not_be_0():
-    found = by_case(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
+    found = fit_cases(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
     assert list(found["case"].values) == ["made_up"]
     of = found.sel(case="made_up")
     assert [float(of[name]) for name in ("C1", "C2", "s")] == pytest.approx([0.3, 2.0, 1.25], rel=1e-6)
     assert int(of["pairs"]) == 5 * 6 - 1
     assert float(of["start"]) == 1 / 16
-    wrong = by_case(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
+    wrong = fit_cases(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
     assert abs(float(wrong["s"]) - 1.25) > 0.1

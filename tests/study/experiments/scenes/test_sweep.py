@@ -8,31 +8,32 @@ import pytest
 from conftest import discrete, exact_errors, load
 
 from study.experiments.scenes import measure as module
-from study.experiments.scenes.measure import sweep
-from unilateral.discrete.condensed import discretise, solve
-from unilateral.fem.condense import Condensed
+from study.experiments.scenes.measure import solve_on_partitions
+from unilateral.discrete.condensed import discretise, solve_condensed_problem
+from unilateral.fem.condense import CondensedMatrix
 from unilateral.geometry import partition
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import infsup
+from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.infsup import infsup_constants
 from unilateral.norms.ritz import h1_distance
 
-SQUARE = named("square")
+SQUARE = find_polygon("square")
 NAMES = ("natural", "no_contact", "thirds")
 CELLS = (2, 4, 8, 16)
 
 
 def swept(names=NAMES, **options):
-    cells, cases = [partition.uniform(SQUARE, 1 / m) for m in CELLS], [load(name) for name in names]
-    return sweep(structured(SQUARE, 1 / 8), cases, cells, gram(names), **options)
+    cells = [partition.make_uniform_partition(SQUARE, 1 / m) for m in CELLS]
+    cases = [load(name) for name in names]
+    return solve_on_partitions(make_structured_mesh(SQUARE, 1 / 8), cases, cells, gram(names), **options)
 
 
 @cache
 def gram(names):
     """The dual norm's forms for the partitions with beta > 0, the two coarser ones."""
     cases = [load(name) for name in names]
-    return dual_norm(partition.uniform(SQUARE, 1 / CELLS[1]), cases).gram(cases)
+    return build_dual_norm(partition.make_uniform_partition(SQUARE, 1 / CELLS[1]), cases).gram(cases)
 
 
 @pytest.fixture(scope="module")
@@ -56,18 +57,18 @@ def test_without_limits_all_pairs_are_solved():
 
 
 def test_a_pair_with_beta_above_0_needs_the_dual_norm():
-    cells = [partition.uniform(SQUARE, 1 / 4)]
+    cells = [partition.make_uniform_partition(SQUARE, 1 / 4)]
     with pytest.raises(ValueError, match="needs the dual norm"):
-        sweep(structured(SQUARE, 1 / 8), [load("natural")], cells, None)
+        solve_on_partitions(make_structured_mesh(SQUARE, 1 / 8), [load("natural")], cells, None)
 
 
 def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):
     """By the forms on P0(T_H) and on lambda - Pi_H lambda, and directly for the difference itself."""
-    cells = partition.uniform(SQUARE, 1 / 4)
+    cells = partition.make_uniform_partition(SQUARE, 1 / 4)
     cases = [load(name) for name in NAMES]
     run = tables[0].isel(mesh=0, partition=1)
     for c, case in enumerate(cases):
-        lower, upper = dual_norm(cells, cases).of_error(case, run["lambda_H"].values[c, None, :16])
+        lower, upper = build_dual_norm(cells, cases).bound_error(case, run["lambda_H"].values[c, None, :16])
         np.testing.assert_allclose(run["hm12_error_upper"][c], upper[0], rtol=1e-8, atol=1e-14)
         expected = max(lower[0], float(run["discrete_error"][c]))
         np.testing.assert_allclose(run["hm12_error_lower"][c], expected, rtol=1e-8, atol=1e-14)
@@ -75,7 +76,7 @@ def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):
 
 def test_the_constants_are_those_of_the_pair(tables):
     alone = discrete("natural", 8, 4)
-    found = infsup(alone.spaces.operator, gram(NAMES).p0)
+    found = infsup_constants(alone.spaces.operator, gram(NAMES).p0)
     for name in ("beta_lower", "beta_upper", "beta_0"):
         assert float(tables[0][name][0, 1]) == pytest.approx(getattr(found, name), rel=1e-9)
         assert np.all(tables[0][name].values[0, 2:] == 0)
@@ -86,40 +87,44 @@ def test_the_constants_are_those_of_the_pair(tables):
 def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m):
     """The same arithmetic, so the same numbers: rtol leaves room for the order of sums only."""
     alone = discrete(name, 8, m)
-    beta = infsup(alone.spaces.operator, gram(NAMES).p0).beta_lower if k == 1 else 0.0
-    solution = solve(alone, beta=beta)
+    beta = infsup_constants(alone.spaces.operator, gram(NAMES).p0).beta_lower if k == 1 else 0.0
+    solution = solve_condensed_problem(alone, beta=beta)
     errors = exact_errors(alone, solution)
     values = {
         "h1_error": errors.h1,
         "discrete_error": errors.hm12_discrete,
         "l2_error": errors.l2,
         "tolerance": solution.tolerance,
-        "ritz_means": alone.exact.ritz_means(alone.spaces),
+        "ritz_means": alone.exact.ritz_means_norm(alone.spaces),
     }
     run = tables[0].isel(case=c, mesh=0, partition=k)
     for variable, value in values.items():
         np.testing.assert_allclose(run[variable], value, rtol=1e-9, err_msg=variable)
     for variable in ("iterations", "operator_applications", "converged", "algorithm"):
-        expected, found = getattr(solution.result, variable), run[variable].item()
+        expected = getattr(solution.result, variable)
+        found = run[variable].item()
         assert found == expected or (np.isnan(found) and np.isnan(expected)), variable
     np.testing.assert_allclose(run["lambda_H"][: 4 * m], solution.lambda_H, rtol=1e-9, atol=1e-12)
     assert np.isnan(run["lambda_H"][4 * m :]).all()
     for name in ("ritz_error", "ritz_boundary_error"):
         assert float(run[name]) == pytest.approx(getattr(alone.exact.ritz, name), rel=1e-9)
-    assert float(run["projection_error"]) == pytest.approx(alone.exact.means.projection_error, rel=1e-12)
+    assert float(run["projection_error"]) == pytest.approx(alone.exact.cell_means.projection_error, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["clamped", "clamped_90"])
 def test_beside_a_clamped_side_a_run_is_the_solve_of_its_problem(name):
     """With its form, in beta and in the dual norm, too: c is 0 in one of the cases."""
-    case, mesh, cells = load(name), structured(SQUARE, 1 / 8), partition.uniform(SQUARE, 1 / 4)
-    norm = dual_norm(cells, [case])
-    table, _ = sweep(mesh, [case], [cells], norm.gram([case]))
+    case = load(name)
+    mesh = make_structured_mesh(SQUARE, 1 / 8)
+    cells = partition.make_uniform_partition(SQUARE, 1 / 4)
+    norm = build_dual_norm(cells, [case])
+    table, _ = solve_on_partitions(mesh, [case], [cells], norm.gram([case]))
     alone = discretise(case.problem, mesh, cells)
     chosen = np.flatnonzero(cells.side != case.clamped_sides[0])
-    beta = infsup(alone.spaces.operator, dual_norm(cells, form=alone.form).gram().p0)
-    solution, run = solve(alone, beta=beta.beta_lower), table.isel(case=0, mesh=0, partition=0)
-    lower, upper = norm.of_error(case, solution.lambda_H[None])
+    beta = infsup_constants(alone.spaces.operator, build_dual_norm(cells, form=alone.form).gram().p0)
+    solution = solve_condensed_problem(alone, beta=beta.beta_lower)
+    run = table.isel(case=0, mesh=0, partition=0)
+    lower, upper = norm.bound_error(case, solution.lambda_H[None])
     errors = exact_errors(alone, solution)
     values = {
         "h1_error": h1_distance(case, mesh, solution.u_h),
@@ -175,9 +180,15 @@ def test_one_factorisation_for_all_and_one_operator_for_each_partition(monkeypat
 
         monkeypatch.setattr(of, name, counted)
 
-    for name in ("condense", "ritz_projections", "cell_means", "mixed_spaces", "solve"):
+    for name in ("condense", "ritz_projections", "cell_means", "mixed_spaces", "solve_condensed_problem"):
         counting(module, name, name)
-    counting(Condensed, "solve", "on all nodes")
+    counting(CondensedMatrix, "solve", "on all nodes")
     swept(("natural", "no_contact"), H_over_h=(2.0, 4.0))
-    expected = {"condense": 1, "ritz_projections": 1, "cell_means": 4, "mixed_spaces": 2, "solve": 4}
+    expected = {
+        "condense": 1,
+        "ritz_projections": 1,
+        "cell_means": 4,
+        "mixed_spaces": 2,
+        "solve_condensed_problem": 4,
+    }
     assert counts == expected | {"on all nodes": 2 + 4 + 2}

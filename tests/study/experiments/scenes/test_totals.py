@@ -6,26 +6,27 @@ import xarray as xr
 from conftest import load
 
 from study.experiments.scenes import numbers as error_tables
-from study.experiments.scenes.measure import sweep
-from study.experiments.scenes.totals import over_errors
+from study.experiments.scenes.measure import solve_on_partitions
+from study.experiments.scenes.totals import tabulate_indices
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
 
 
 @pytest.fixture(scope="module")
 def solved():
     """All that `totals` is given, of two cases on two partitions of which one counts."""
-    mesh, cases = structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
-    cells = [partitions.uniform(square(), H) for H in (1 / 2, 1 / 4)]
-    gram = dual_norm(cells[1], cases).gram(cases)
-    return mesh, cells, cases, sweep(mesh, cases, cells, gram, (2.0, 2.0))[0], 2.0
+    mesh = make_structured_mesh(square(), 1 / 8)
+    cases = [load(name) for name in ("natural", "no_contact")]
+    cells = [partitions.make_uniform_partition(square(), H) for H in (1 / 2, 1 / 4)]
+    gram = build_dual_norm(cells[1], cases).gram(cases)
+    return mesh, cells, cases, solve_on_partitions(mesh, cases, cells, gram, (2.0, 2.0))[0], 2.0
 
 
 @pytest.fixture(scope="module")
 def found(solved):
-    return over_errors(*solved)
+    return tabulate_indices(*solved)
 
 
 def test_the_bounds_hold_and_are_sharp(found):
@@ -48,7 +49,7 @@ def test_an_exact_multiplier_has_no_index(found):
 
 def test_the_table_names_both_ends(found):
     both = xr.concat([found, found.assign_coords(h=("mesh", [1 / 64]))], "mesh")
-    table = error_tables.totals({"square": both})
+    table = error_tables.tabulate_totals({"square": both})
     assert list(table)[:4] == ["scene", "case", "cheap, $H^1$, h = 1/8", "cheap, $H^1$, h = 1/64"]
     assert list(table)[4:6] == ["sharp, $H^1$, h = 1/8", "sharp, $H^1$, h = 1/64"]
     assert table.iloc[-1].tolist()[:2] == ["square", "`no_contact`"]
@@ -65,7 +66,7 @@ def test_how_fast_the_index_falls_is_told_beside_the_proved_rate():
         coords={"case": ["natural", "violates_jj"], "h": ("mesh", [1 / 2, 1 / 4, 1 / 8, 1 / 16])},
     )
     claimed = {"scenes": ["square"], "orders": {"natural": 1.5, "violates_jj": 1}}
-    found = error_tables.exactness({"square": table, "lshape": table}, claimed)
+    found = error_tables.tabulate_exactness({"square": table, "lshape": table}, claimed)
     assert list(found)[2:] == [
         "proved rate",
         "observed rate",

@@ -16,10 +16,14 @@ def surfaces():
     On the last two pairs 1 is missed by 1/8 at (1/4, 1.5) and by 1/16 at (1/2, 1.5), by 1/2 for alpha = 0,
     and by 3/4 for gamma < 1; the consistency term's rate by 1/4 at one place. On the first one all are 0.
     """
-    alpha, gamma = np.array([0, 0.25, 0.5]), np.array([0.1, 0.25, 0.5, 1.5, 2.5])
+    alpha = np.array([0, 0.25, 0.5])
+    gamma = np.array([0.1, 0.25, 0.5, 1.5, 2.5])
     rate = np.ones((1, 3, 3, 5))
-    rate[..., :3], rate[:, :, 0], rate[:, 0] = 0.25, 0.5, 0.0
-    rate[0, 1, 1, 3], rate[0, 2, 2, 3] = 0.875, 0.9375
+    rate[..., :3] = 0.25
+    rate[:, :, 0] = 0.5
+    rate[:, 0] = 0.0
+    rate[0, 1, 1, 3] = 0.875
+    rate[0, 2, 2, 3] = 0.9375
     predicted = alpha[:, None] + gamma + 1
     terms = np.stack([0 * predicted, predicted, predicted])
     terms[2, 1, 1] -= 0.25
@@ -38,7 +42,9 @@ def powers(*changed, gamma=1.0, **variables):
     Those are factors by places (level, alpha, gamma). Predicted is 1 + alpha, left by the proof half that of
     gamma more.
     """
-    H, alpha, gammas = 0.5 ** np.arange(2, 6), np.array([-0.25, 0.25, 0.5]), np.array([0.1, gamma])
+    H = 0.5 ** np.arange(2, 6)
+    alpha = np.array([-0.25, 0.25, 0.5])
+    gammas = np.array([0.1, gamma])
     error = np.tile(H[:, None, None] ** (1 + alpha[:, None]), (1, 1, 2))
     for place, factor in changed:
         error[place] *= factor
@@ -53,24 +59,28 @@ LOWER = (np.s_[-1, 1, 0], 2**0.75)
 """Over three pairs the rate is lower by 1/4 at alpha = 1/4, gamma = 1/10."""
 HELD = (np.s_[:2, 1, 1], 0.5)
 """On the coarser levels; so the rate at gamma = 1 is lower at a pair, that of the largest error is not."""
-UNKNOWN, AT_HALF = (-1, NAN), (np.s_[-1, 2], 0.5)
+UNKNOWN = (-1, NAN)
+AT_HALF = (np.s_[-1, 2], 0.5)
 LEAST = partial(exponents.theorem_4, table="t", tolerances={"hm12": 0.1})
-MOST, BELOW = (
-    partial(exponents.attained, table="t", largest={"hm12": alpha}, tolerance=0.1) for alpha in (2.0, 0.25)
-)
+MOST = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 2.0}, tolerance=0.1)
+BELOW = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 0.25}, tolerance=0.1)
 
 
 def at_positions(place, held=()):
     """Errors of 1 but for one of 1.5; all cells at gamma = 1, with alpha < 0, on the first level are held."""
-    error, has = np.ones((4, 3, 2, 2)), np.zeros((4, 3, 2, 2))
-    error[place], has[:, :, 1], has[:, 0], has[0] = 1.5, 1.0, 1.0, 1.0
+    error = np.ones((4, 3, 2, 2))
+    has = np.zeros((4, 3, 2, 2))
+    error[place] = 1.5
+    has[:, :, 1] = 1.0
+    has[:, 0] = 1.0
+    has[0] = 1.0
     if held:
         has[held] = 1.0
     of = {"l2_error": (("level", "alpha", "gamma", "position"), error), "held": has}
     return table(**of, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
 
 
-RELEASED = partial(exponents.released, table="t", norms=["l2"], most=1.5)
+RELEASED = partial(exponents.free_position_errors, table="t", norms=["l2"], at_most=1.5)
 TAKEN = math.log2((1 + math.log(32)) / (1 + math.log(16)))
 """What the logarithm takes from a rate of t at alpha = 1/2 on the last pair."""
 

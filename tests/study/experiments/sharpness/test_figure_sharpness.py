@@ -7,8 +7,8 @@ from pages import page, table
 
 from study import tables
 from study.experiments.sharpness import sharpness_figure as sharpness
-from study.experiments.sharpness.measure import MEASURED
-from study.experiments.sharpness.surfaces import rates_over
+from study.experiments.sharpness.measure import SHARPNESS_VARIABLES
+from study.experiments.sharpness.surfaces import tabulate_surfaces
 
 NORMS = ("discrete", "hm12", "l2")
 
@@ -27,27 +27,31 @@ def test_a_panel_has_the_lines_of_its_rows_and_no_others(norm):
 
 def rates():
     """Rates alpha + 1 of everything on the last pair, and gamma before; (jj) fails for gamma = 1/2."""
-    H, alpha, gamma = np.array([1 / 4, 1 / 8, 1 / 16]), [-0.25, 0.75], [0.5, 1.0]
+    H = np.array([1 / 4, 1 / 8, 1 / 16])
+    alpha = [-0.25, 0.75]
+    gamma = [0.5, 1.0]
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
     error = np.where(h == H[0], 2.0 ** (c - a - 1), 1.0) * h ** (a + 1)
     dims = ("level", "alpha", "gamma", "position")
-    found = {name: (dims, error) for name in MEASURED}
+    found = {name: (dims, error) for name in SHARPNESS_VARIABLES}
     per_level = {name: ("level", H) for name in ("h", "H", "beta_lower", "lambda_min")}
-    return rates_over(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
+    return tabulate_surfaces(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
 
 
 @pytest.fixture
 def made_up(tmp_path):
-    tables.save(rates(), tmp_path / "rates.nc", "sharpness")
+    tables.save_table(rates(), tmp_path / "rates.nc", "sharpness")
     return sharpness.table(tmp_path / "rates.nc", tmp_path / "rates.nc")
 
 
 def test_the_table(made_up):
     """The largest error is for the larger gamma on the coarsest level, and the same for both after it."""
     assert set(made_up["norm"]) == set(NORMS)
-    measured, largest = (made_up[made_up["kind"] == kind] for kind in ("measured", "largest"))
+    measured = made_up[made_up["kind"] == "measured"]
+    largest = made_up[made_up["kind"] == "largest"]
     assert (len(measured), len(largest)) == (3 * 2 * 2, 2 * 2)
-    of_pairs, of_D = (measured[(measured["norm"] == "discrete") == D] for D in (False, True))
+    of_pairs = measured[measured["norm"] != "discrete"]
+    of_D = measured[measured["norm"] == "discrete"]
     for of in (of_pairs, largest):
         np.testing.assert_allclose(of["rate"], of["alpha"] + 1, rtol=1e-12)
     np.testing.assert_allclose(of_D["rate"], (of_D["alpha"] + 1 + of_D["gamma"]) / 2, rtol=1e-12)

@@ -12,12 +12,14 @@ from conftest import config, stored
 from study import tables
 from study.experiments.scenes import floors
 from study.experiments.sharpness import surfaces
-from study.rates import NORMS
-from unilateral.formulas.formula import real
+from study.rates import ERROR_NORMS
+from unilateral.formulas.formula import parse_real
 from unilateral.problems import case as cases
 
 STUDY = config("study")["sharpness"]
-ALPHA, GAMMA, H = (np.array([float(Fraction(x)) for x in STUDY[name]]) for name in ("alphas", "gammas", "H"))
+ALPHA = np.array([float(Fraction(x)) for x in STUDY["alphas"]])
+GAMMA = np.array([float(Fraction(x)) for x in STUDY["gammas"]])
+H = np.array([float(Fraction(x)) for x in STUDY["H"]])
 BEST = {
     "h1": np.minimum(1, 1 + ALPHA),
     "hm12": np.minimum(1.5, 1 + ALPHA),
@@ -35,7 +37,7 @@ Both are equal at theta* ~ H^((1 + alpha - gamma) / (1 + gamma)), so that for ga
 after the other is released as H -> 0, and the average over eight of them sees that in jumps. For alpha > 1/2
 other cells hide it. Of u the rates hold there, too.
 """
-of_every_norm = pytest.mark.parametrize("norm", NORMS)
+of_every_norm = pytest.mark.parametrize("norm", ERROR_NORMS)
 
 
 def errors_and_rates(kind=""):
@@ -77,7 +79,7 @@ def test_one_run_that_did_not_converge_would_be_seen():
     place = {"level": 2, "alpha": 3, "gamma": 1, "position": 5}
     errors["converged"][place] = 0.0
     errors["algebraic_bound"][place] *= 1e3
-    found = surfaces.rates_over(errors)
+    found = surfaces.tabulate_surfaces(errors)
     assert int((found["converged"] == 0).sum()) == 1
     assert float(found["share"].sel(norm="h1").max()) > 0.01
 
@@ -94,7 +96,7 @@ def test_rates_reach_those_of_the_best_approximation(norm):
     spoilt = stored("sharpness/errors").copy(deep=True)
     for name in ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error"):
         spoilt[name][{"level": -1}] *= 1.2
-    assert not np.all((rates_in(norm, surfaces.rates_over(spoilt)) >= least) | ~where)
+    assert not np.all((rates_in(norm, surfaces.tabulate_surfaces(spoilt)) >= least) | ~where)
 
 
 @pytest.mark.parametrize("norm", ["hm12", "l2"])
@@ -104,7 +106,7 @@ def test_where_cells_are_released_most_positions_reach_those_rates(norm):
     The average lacks up to 0.07 of the tolerated rate there, in a pair between whose levels the position next
     to the gap's end is released and its error rises to the law of the others.
     """
-    error = tables.error_in(stored("sharpness/errors"), norm)
+    error = tables.error_in_norm(stored("sharpness/errors"), norm)
     error = error.transpose("level", "alpha", "gamma", "position").values.copy()
     assert np.all(enough(error, norm))
     error[-1, ..., :5] *= 1.2  # control: at five of the eight positions
@@ -123,7 +125,8 @@ def enough(error, norm):
 def test_no_average_falls_to_what_the_proof_leaves(norm):
     """For every alpha and gamma: H^((alpha + gamma + 1) / 2), the consistency term's root, is not seen."""
     least = stored("sharpness/rates")["left_by_proof"].sel(norm=norm).transpose("alpha", "gamma").values
-    rate, visible = rates_in(norm), least <= BEST[norm][:, None] - 0.2 + 1e-9
+    rate = rates_in(norm)
+    visible = least <= BEST[norm][:, None] - 0.2 + 1e-9
     assert np.all(rate >= least - TOLERANCE[norm])
     assert visible.any()
     assert np.all(rate[:, visible] >= least[visible] + 0.1)
@@ -136,7 +139,8 @@ def test_the_theorem_s_rates_hold_with_j_whether_jj_holds_or_not_and_fail_withou
     At alpha = -1/4 in the end every rate lies below the proved one, so (j) is not there for nothing.
     """
     table = stored("sharpness/rates").sel(norm=norm)
-    last, least = table["rate"].isel(pair=slice(-2, None)), float(table["proved"]) - TOLERANCE[norm]
+    last = table["rate"].isel(pair=slice(-2, None))
+    least = float(table["proved"]) - TOLERANCE[norm]
     for jj in (0, 1):
         rate = last.where((table["j"] == 1) & (table["jj"] == jj))
         assert rate.notnull().any()
@@ -149,14 +153,18 @@ def test_floors():
 
     5 %: the coarsest h of the fits is that far from its limit.
     """
-    found, errors = stored("square/floors"), stored("square/errors")
+    found = stored("square/floors")
+    errors = stored("square/errors")
     assert sorted(found["case"].values) == ["full_contact", "natural", "smooth", "thirds"]
     assert np.all(found["pairs"] >= 10)
-    declared = {name: cases.declared(name)[0]["asymptotic"]["h1"]["from"] for name in errors["case"].values}
-    starts = {name: real(start, name) for name, start in declared.items()}
+    declared = {
+        name: cases.read_case_declaration(name)[0]["asymptotic"]["h1"]["from"]
+        for name in errors["case"].values
+    }
+    starts = {name: parse_real(start, name) for name, start in declared.items()}
     np.testing.assert_array_equal(found["start"], [starts[case] for case in found["case"].values])
     ritz = (errors["ritz_error"] / errors["h"]).isel(mesh=-1).sel(case=found["case"])
     assert np.all(np.abs(found["C1"] / ritz - 1) <= 0.05)
-    ratio = real(config("rates")["rates"]["judged_ratio"], "judged_ratio")
-    spoilt = floors.by_case(errors.assign(h1_error=1.1 * errors["h1_error"]), starts, ratio)
+    ratio = parse_real(config("rates")["rates"]["judged_ratio"], "judged_ratio")
+    spoilt = floors.fit_cases(errors.assign(h1_error=1.1 * errors["h1_error"]), starts, ratio)
     assert not np.any(np.abs(spoilt["C1"] / ritz - 1) <= 0.05)

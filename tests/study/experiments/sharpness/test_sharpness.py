@@ -14,29 +14,29 @@ from conftest import condensed, coupled, exact_errors
 
 from study.experiments.sharpness import surfaces
 from study.experiments.sharpness.measure import (
-    CUTOFF,
-    START,
+    CONTACT_LENGTH,
+    TRANSITION_CELL_START,
     T,
+    family_cases,
+    family_on_partition,
     measure,
-    places,
-    seen,
-    transitions,
+    transition_positions,
 )
-from unilateral.discrete.condensed import solve, with_solution
+from unilateral.discrete.condensed import discretise_case, solve_condensed_problem
 from unilateral.errors import InputError
 from unilateral.formulas.exact_numbers import pos
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.formula import substituted
+from unilateral.formulas.formula import substitute
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact_errors import cell_means, exact
+from unilateral.geometry.polygon import find_polygon
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.exact_errors import cell_means, project_case
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.case_certificate import certify
-from unilateral.problems.polar_atoms import harmonic
+from unilateral.problems.case_certificate import certify_case
+from unilateral.problems.polar_atoms import make_harmonic_atom
 from unilateral.solvers.stop import Stop
 
-SQUARE = named("square")
+SQUARE = find_polygon("square")
 LEVELS = [R(1, 2**k) for k in range(3, 8)]
 
 
@@ -49,35 +49,44 @@ def thetas(points, H):
 def test_transitions_are_at_the_same_theta_on_every_level(H):
     """In the cell that begins at START; and so are those where the cutoff ends."""
     expected = [R(2 * k + 1, 16) for k in range(8)]
-    found = places(H, 8)
+    found = transition_positions(H, 8)
     assert thetas(found, H) == expected
-    assert thetas([x + CUTOFF for x in found], H) == expected
-    assert all(START < x < START + H for x in found)
+    assert thetas([x + CONTACT_LENGTH for x in found], H) == expected
+    assert all(TRANSITION_CELL_START < x < TRANSITION_CELL_START + H for x in found)
     assert thetas([R(1, 3)], H) != thetas([R(1, 3)], H / 2)
 
 
 def test_a_size_without_a_cell_at_the_start_is_refused():
     with sentences.raises(InputError):
-        places(R(1, 6), 8)
+        transition_positions(R(1, 6), 8)
 
 
 def certified(alpha, gamma, at, j, jj):
     declared = {"hypotheses": {"j": j, "jj": jj, "jjj": True}}
-    return replace(transitions(SQUARE, at, alpha, [gamma])[0], declaration=declared)
+    return replace(family_cases(SQUARE, at, alpha, [gamma])[0], declaration=declared)
 
 
 FAMILY = list(product([R(-1, 4), R(1, 20), R(7, 4)], [R(1, 10), R(1, 2), R(1), R(5, 2)]))
 
 
-@pytest.mark.parametrize("at", [places(LEVELS[0], 8)[0], places(LEVELS[0], 8)[-1], places(LEVELS[-1], 8)[2]])
+@pytest.mark.parametrize(
+    "at",
+    [
+        transition_positions(LEVELS[0], 8)[0],
+        transition_positions(LEVELS[0], 8)[-1],
+        transition_positions(LEVELS[-1], 8)[2],
+    ],
+)
 @pytest.mark.parametrize(("alpha", "gamma"), FAMILY)
 def test_members_have_a_certificate(alpha, gamma, at):
     """(j) fails for alpha < 0; (jj) there, by the trace r^(1 + alpha), and for gamma < 1."""
     case = certified(alpha, gamma, at, alpha > 0, alpha > 0 and gamma >= 1)
-    found = certify(case)
-    np.testing.assert_allclose(found.contact, [(0, float(at), float(at + CUTOFF))], rtol=0, atol=1e-14)
-    assert found.lambda_max > 0
-    table = surfaces.rates_over(made_up([float(alpha)], [float(gamma)]))
+    found = certify_case(case)
+    np.testing.assert_allclose(
+        found.contact, [(0, float(at), float(at + CONTACT_LENGTH))], rtol=0, atol=1e-14
+    )
+    assert found.max_multiplier > 0
+    table = surfaces.tabulate_surfaces(made_up([float(alpha)], [float(gamma)]))
     assert [bool(table[name].item()) for name in ("j", "jj")] == [
         found.hypotheses[name] for name in ("j", "jj")
     ]
@@ -86,15 +95,15 @@ def test_members_have_a_certificate(alpha, gamma, at):
 def test_a_wrong_claim_of_a_hypothesis_is_noticed():
     """Control."""
     with sentences.raises(InputError):
-        certify(certified(R(1, 2), R(1, 2), R(2, 5), True, True))
+        certify_case(certified(R(1, 2), R(1, 2), R(2, 5), True, True))
 
 
 def test_a_member_with_contact_in_its_gap_is_refused():
     """Control: lambda begins an eighth before the gap ends."""
     case = certified(R(1, 2), R(1), R(2, 5), True, True)
-    moved = replace(case, gaps=(substituted(case.gaps[0], {"t": T - R(1, 8)}, "gap"), *case.gaps[1:]))
+    moved = replace(case, gaps=(substitute(case.gaps[0], {"t": T - R(1, 8)}, "gap"), *case.gaps[1:]))
     with sentences.raises(InputError):
-        certify(moved)
+        certify_case(moved)
 
 
 EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (9 / 10, 1 / 10), (5 / 4, 3 / 2), (7 / 4, 1 / 2)]
@@ -102,11 +111,13 @@ EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (9 / 10, 1 / 10), (
 
 def without_cutoff(a, c, theta):
     """The consistency term of one transition, at theta of a cell with H = 1/16, the gap before it."""
-    alpha, gamma, place = (R(exact).limit_denominator(20) for exact in (a, c, theta))
+    alpha = R(a).limit_denominator(20)
+    gamma = R(c).limit_denominator(20)
+    place = R(theta).limit_denominator(20)
     at = R(3, 8) + place / 16
     gaps = (pos(at - T, gamma), *[ZERO] * 3)
-    case = ExactSolution("no cutoff", {}, SQUARE, (harmonic(SQUARE, 0, float(at), alpha),), gaps)
-    return cell_means(case, partitions.uniform(SQUARE, 1 / 16)).consistency
+    case = ExactSolution("no cutoff", {}, SQUARE, (make_harmonic_atom(SQUARE, 0, float(at), alpha),), gaps)
+    return cell_means(case, partitions.make_uniform_partition(SQUARE, 1 / 16)).consistency
 
 
 def formula(a, c, theta):
@@ -128,38 +139,41 @@ def test_the_consistency_term_knows_from_which_end_theta_is_measured():
     assert found != pytest.approx(formula(1.5, 0.5, 0.1), rel=0.1)
 
 
-AT = places(R(1, 4), 2)
-ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
+AT = transition_positions(R(1, 4), 2)
+ALPHAS = [R(1, 20), R(1, 2)]
+GAMMAS = [R(1), R(5, 2)]
 
 
 @cache
 def measured():
-    on, cells = condensed("square", 8), partitions.uniform(SQUARE, 1 / 4)
-    return measure(on, seen(cells, AT, (ALPHAS, GAMMAS)), Stop())
+    on = condensed("square", 8)
+    cells = partitions.make_uniform_partition(SQUARE, 1 / 4)
+    return measure(on, family_on_partition(cells, AT, (ALPHAS, GAMMAS)), Stop())
 
 
 @pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
 def test_a_measurement_is_the_solve_of_its_member(a, c, k):
     """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
-    spaces, case = coupled("square", 8, 4), transitions(SQUARE, AT[k], ALPHAS[a], GAMMAS)[c]
-    discrete = with_solution(spaces, exact(case, spaces))
+    spaces = coupled("square", 8, 4)
+    case = family_cases(SQUARE, AT[k], ALPHAS[a], GAMMAS)[c]
+    discrete = discretise_case(spaces, project_case(case, spaces))
     found = measured().isel(alpha=a, gamma=c, position=k)
-    solution = solve(discrete, beta=float(found["beta_lower"]))
+    solution = solve_condensed_problem(discrete, beta=float(found["beta_lower"]))
     errors = exact_errors(discrete, solution)
     expected = {
         "h1_error": errors.h1,
         "l2_error": errors.l2,
         "discrete_error": errors.hm12_discrete,
-        "ritz_means": discrete.exact.ritz_means(spaces),
+        "ritz_means": discrete.exact.ritz_means_norm(spaces),
         "held": float(solution.lambda_H[math.floor(4 * AT[k])] > 0),
-        "consistency": discrete.exact.means.consistency,
+        "consistency": discrete.exact.cell_means.consistency,
         "algebraic_bound": solution.result.bound,
         "converged": 1.0,
     }
     for name, value in expected.items():
         np.testing.assert_allclose(found[name], value, rtol=1e-9, err_msg=name)
-    family = [transitions(SQUARE, x, alpha, GAMMAS)[0] for alpha in ALPHAS for x in AT]
-    lower, upper = dual_norm(spaces.partition, family).of_error(case, solution.lambda_H[None])
+    family = [family_cases(SQUARE, x, alpha, GAMMAS)[0] for alpha in ALPHAS for x in AT]
+    lower, upper = build_dual_norm(spaces.partition, family).bound_error(case, solution.lambda_H[None])
     np.testing.assert_allclose(found["hm12_error_lower"], max(lower[0], errors.hm12_discrete), rtol=1e-8)
     np.testing.assert_allclose(found["hm12_error_upper"], upper[0], rtol=1e-8)
     other = measured().isel(alpha=a, gamma=c, position=1 - k)
@@ -168,8 +182,11 @@ def test_a_measurement_is_the_solve_of_its_member(a, c, k):
 
 def test_what_depends_on_u_is_found_once_for_all_gaps(monkeypatch):
     """Of 4 u with 2 gaps each: their flux is for the means, the load, and two parts of the dual norm."""
-    names, found = [], ExactSolution.boundary
-    monkeypatch.setattr(ExactSolution, "boundary", lambda *of: names.append(of[0].name) or found(*of))
+    names = []
+    found = ExactSolution.trace_flux_and_gap
+    monkeypatch.setattr(
+        ExactSolution, "trace_flux_and_gap", lambda *of: names.append(of[0].name) or found(*of)
+    )
     measured.__wrapped__()
     assert len(names) == 4 * len(ALPHAS) * len(AT)
 
@@ -179,7 +196,8 @@ def made_up(alphas, gammas):
 
     ||Pi_H(u - z_h)||_0 is like H^(1/2 + alpha). 2 positions, 4 levels.
     """
-    H, position = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), np.array([0.6, 0.8])
+    H = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32])
+    position = np.array([0.6, 0.8])
     dims = ("level", "alpha", "gamma", "position")
     h, a, c, p = np.ix_(H, alphas, gammas, position)
     zero = 0 * (h + a + c + p)
@@ -203,16 +221,17 @@ def made_up(alphas, gammas):
 
 def test_rates_of_errors_with_known_rates():
     """Positions have the errors 0.6 and 0.8 of one law: their r.m.s. mean is 0.5^(1/2) of it."""
-    alphas, gammas = [0.25, 0.75], [0.5, 1.5, 2.5]
+    alphas = [0.25, 0.75]
+    gammas = [0.5, 1.5, 2.5]
     errors = made_up(alphas, gammas)
-    found = surfaces.rates_over(errors)
+    found = surfaces.tabulate_surfaces(errors)
     both = found["alpha"] + found["gamma"]
     for norm, expected in (("h1", found["alpha"]), ("hm12", 1.0), ("l2", found["gamma"]), ("discrete", both)):
         rate = found["rate"].sel(norm=norm)
         np.testing.assert_allclose(rate, (xr.zeros_like(rate) + expected).transpose(*rate.dims), rtol=1e-12)
     np.testing.assert_allclose(found["error"].sel(norm="h1", level=3, alpha=0.25), 0.5**0.5 / 32**0.25)
     np.testing.assert_allclose(found["error"].sel(norm="hm12", level=3), 0.5 / 32)
-    over_all = surfaces.over_all_levels(found, "discrete").transpose("alpha", "gamma")
+    over_all = surfaces.overall_rate(found, "discrete").transpose("alpha", "gamma")
     np.testing.assert_allclose(over_all, np.add.outer(alphas, gammas), rtol=1e-12)
     np.testing.assert_allclose(found["t"].sel(level=3), 0.5**0.5 / 32 ** np.array(alphas), rtol=1e-12)
     np.testing.assert_allclose(found["t_rate"].isel(pair=1), alphas, rtol=1e-12)
@@ -222,7 +241,7 @@ def test_rates_of_errors_with_known_rates():
     np.testing.assert_allclose(found["consistency_rate"].isel(pair=1), predicted, rtol=1e-12)
     np.testing.assert_allclose(predicted, np.add.outer(alphas, gammas) + 1, rtol=1e-14)
     spoilt = errors.assign(h1_error=errors["h1_error"].where(errors["H"] > 0.04, 1.5 * errors["h1_error"]))
-    again = surfaces.rates_over(spoilt).sel(norm="h1")
+    again = surfaces.tabulate_surfaces(spoilt).sel(norm="h1")
     np.testing.assert_allclose(again["uncertainty"], np.log2(1.5), rtol=1e-12)
 
 
@@ -231,7 +250,7 @@ def test_shares_are_the_bound_in_the_norm_over_the_error_s_lower_bound():
 
     Of D it is the bound itself, over p H^(3/2).
     """
-    found = surfaces.rates_over(made_up([0.5], [1.0]))["share"].isel(level=0)
+    found = surfaces.tabulate_surfaces(made_up([0.5], [1.0]))["share"].isel(level=0)
     expected = [1e-3 / 16 / 0.5, 1e-3 / 16 / 0.5 / (0.6 / 4), 1e-3 / 16 / 0.5 / 0.25, 1e-3 / 16 / 0.125]
     np.testing.assert_allclose(found.values.ravel(), expected, rtol=1e-12)
 
@@ -239,7 +258,7 @@ def test_shares_are_the_bound_in_the_norm_over_the_error_s_lower_bound():
 def test_one_position_without_convergence_counts():
     errors = made_up([0.5], [1.0, 2.0])
     errors["converged"][{"level": 2, "gamma": 1, "position": 0}] = 0.0
-    found = surfaces.rates_over(errors)["converged"].values
+    found = surfaces.tabulate_surfaces(errors)["converged"].values
     assert np.argwhere(found == 0).tolist() == [[2, 0, 1]]
 
 
@@ -260,8 +279,8 @@ def test_one_position_without_convergence_counts():
 )
 def test_predicted_rates(norm, alpha, gamma, best, left):
     """By hand: P1 and P0 on s_+^alpha; half of alpha + gamma + 1, and 1/2 less in L2."""
-    assert float(surfaces.predicted(norm, alpha)) == pytest.approx(best, rel=1e-14)
-    assert float(surfaces.left_by_proof(norm, alpha, gamma)) == pytest.approx(left, rel=1e-14)
+    assert float(surfaces.predicted_rate(norm, alpha)) == pytest.approx(best, rel=1e-14)
+    assert float(surfaces.proof_rate(norm, alpha, gamma)) == pytest.approx(left, rel=1e-14)
 
 
 def judged(table):
@@ -278,12 +297,12 @@ def test_a_fixed_transition_fakes_rates_and_the_average_does_not():
     """
     levels = []
     for H in LEVELS[1:4]:
-        cells = partitions.uniform(SQUARE, float(H))
-        family = seen(cells, [R(1, 3), *places(H, 8)], ([R(1, 2)], [R(1)]))
+        cells = partitions.make_uniform_partition(SQUARE, float(H))
+        family = family_on_partition(cells, [R(1, 3), *transition_positions(H, 8)], ([R(1, 2)], [R(1)]))
         levels.append(measure(condensed("square", int(2 / H)), family, Stop()))
-    errors = surfaces.along_levels(levels)
-    third = surfaces.rates_over(errors.isel(position=[0]))
-    average = surfaces.rates_over(errors.isel(position=slice(1, None)))
+    errors = surfaces.join_sharpness_levels(levels)
+    third = surfaces.tabulate_surfaces(errors.isel(position=[0]))
+    average = surfaces.tabulate_surfaces(errors.isel(position=slice(1, None)))
     jump = third["consistency_rate"].values.ravel() - 2.5
     np.testing.assert_allclose(np.abs(jump), 0.5, rtol=0, atol=0.15)
     assert jump[0] * jump[1] < 0

@@ -15,8 +15,12 @@ def eigenvalues(*ratio):
 def adapted(ratios, angles):
     """Three levels, the same for every case without clamped sides; for one with them beta is 0."""
     cases = ["reentrant", "violates_j", "singular", "thirds", "step", "clamped_270"]
-    beta, ratio, angle = np.zeros((6, 3)), np.full((6, 3), 3.0), np.full((6, 3), 45.0)
-    beta[:5], ratio[:5], angle[:5] = [0.9, 0.5, 0.25], ratios, angles
+    beta = np.zeros((6, 3))
+    ratio = np.full((6, 3), 3.0)
+    angle = np.full((6, 3), 45.0)
+    beta[:5] = [0.9, 0.5, 0.25]
+    ratio[:5] = ratios
+    angle[:5] = angles
     of = {"beta_lower": beta, "cell_over_edge": ratio, "smallest_angle": angle}
     return table(**{name: (("case", "level"), each) for name, each in of.items()}, case=cases)
 

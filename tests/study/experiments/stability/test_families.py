@@ -9,10 +9,15 @@ from conftest import ROOT
 from numpy.testing import assert_allclose, assert_array_equal
 
 from study.experiments.stability import measure as stability
-from study.experiments.stability.measure import boundary_nodes, meshes_of, partition_of, survey
+from study.experiments.stability.measure import (
+    make_meshes,
+    make_partition,
+    place_boundary_nodes,
+    survey_pairs,
+)
 from unilateral.errors import InputError
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.resolution import resolution
 
 TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
@@ -38,7 +43,7 @@ INNER = [{"kind": "inner"}, {"kind": "inner", "ends": True}, {"kind": "inner", "
 
 
 def mesh_of(cells, spec, K):
-    return meshes_of([cells], [spec], K)[0]
+    return make_meshes([cells], [spec], K)[0]
 
 
 def test_all_that_can_be_asked_for_is_tried_here():
@@ -72,33 +77,33 @@ def test_points_by_hand(spec, expected):
 
     Graded ones are powers towards both ends of a side.
     """
-    assert_allclose(partition_of(TRIANGLE, spec).points, expected, rtol=0, atol=ROUND_OFF)
+    assert_allclose(make_partition(TRIANGLE, spec).points, expected, rtol=0, atol=ROUND_OFF)
 
 
 def test_random_lengths_are_log_uniform():
     """log(H_i) has a range of at most log 4 on each side, and is spread evenly in it: with 4000 cells its
     standard deviation is log 4 / 12^(1/2), up to 5 %, five standard deviations of that estimate."""
-    cells = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 1})
+    cells = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 1})
     logarithms = np.log(cells.lengths).reshape(4, 1000)
     assert np.all(np.ptp(logarithms, axis=1) <= np.log(4) + 1e-9)
     assert_allclose(logarithms.std(axis=1), np.log(4) / np.sqrt(12), rtol=0.05)
-    again = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 1})
-    other = partition_of(square(), {"H": "1/1000", "spread": 4, "seed": 2})
+    again = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 1})
+    other = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 2})
     assert_array_equal(cells.points, again.points)
     assert not np.array_equal(cells.points, other.points)
 
 
 @pytest.mark.parametrize("spec", [{"H": "1/4"}, {"H": "1/4", "shift": 0}, {"H": "1/4", "grading": 1}])
 def test_the_neutral_parameters_are_uniform(spec):
-    assert_array_equal(partition_of(square(), spec).points, np.arange(17) / 4)
+    assert_array_equal(make_partition(square(), spec).points, np.arange(17) / 4)
 
 
 @pytest.mark.parametrize("spec", PARTITIONS)
 @pytest.mark.parametrize("K", [1, 2, 3])
 def test_followed_cells_have_the_same_number_of_edges(spec, K):
     """Each cell in K equal edges, its ends nodes to the last bit."""
-    cells = partition_of(square(), spec)
-    nodes = boundary_nodes(cells, {"kind": "follow"}, K)
+    cells = make_partition(square(), spec)
+    nodes = place_boundary_nodes(cells, {"kind": "follow"}, K)
     assert_array_equal(nodes[::K], cells.points[:-1])
     expected = np.repeat(cells.lengths / K, K)
     assert_allclose(np.diff(nodes, append=4), expected, rtol=0, atol=ROUND_OFF)
@@ -106,27 +111,27 @@ def test_followed_cells_have_the_same_number_of_edges(spec, K):
 
 def test_followed_fractions():
     """Two cells of 1/4 and 3/4 with three edges: nodes at 2/3 of the first, at 1/3 of the second."""
-    cells = partition_of(square(), {"points": [0, "1/4", 1, "5/4", 2, "9/4", 3, "13/4", 4]})
-    nodes = boundary_nodes(cells, {"kind": "follow"}, "3/2")
+    cells = make_partition(square(), {"points": [0, "1/4", 1, "5/4", 2, "9/4", 3, "13/4", 4]})
+    nodes = place_boundary_nodes(cells, {"kind": "follow"}, "3/2")
     assert_allclose(nodes[:3], [0, 1 / 6, 1 / 2], rtol=0, atol=ROUND_OFF)
     assert_allclose(nodes, np.add.outer(np.arange(4), nodes[:3]).ravel(), rtol=0, atol=ROUND_OFF)
 
 
 def test_equal_and_graded_nodes():
     """Sides with one cell each of length 4, 5, 3."""
-    cells = partition_of(TRIANGLE, {"counts": [1, 1, 1]})
+    cells = make_partition(TRIANGLE, {"counts": [1, 1, 1]})
     assert_allclose(
-        boundary_nodes(cells, {"kind": "equal"}, 2), [0, 2, 4, 6.5, 9, 10.5], rtol=0, atol=ROUND_OFF
+        place_boundary_nodes(cells, {"kind": "equal"}, 2), [0, 2, 4, 6.5, 9, 10.5], rtol=0, atol=ROUND_OFF
     )
-    graded = boundary_nodes(cells, {"kind": "graded", "grading": 2}, 3)
+    graded = place_boundary_nodes(cells, {"kind": "graded", "grading": 2}, 3)
     shares = np.array([0, 2 / 9, 7 / 9])
     assert_allclose(graded, [*(4 * shares), *(4 + 5 * shares), *(9 + 3 * shares)], rtol=0, atol=ROUND_OFF)
 
 
 def test_random_nodes_are_drawn_like_random_partitions():
-    cells = partition_of(square(), {"H": "1/4"})
-    nodes = boundary_nodes(cells, {"kind": "random", "spread": 4, "seed": 1}, 1)
-    assert_array_equal(nodes, partition_of(square(), RANDOM).points[:-1])
+    cells = make_partition(square(), {"H": "1/4"})
+    nodes = place_boundary_nodes(cells, {"kind": "random", "spread": 4, "seed": 1}, 1)
+    assert_array_equal(nodes, make_partition(square(), RANDOM).points[:-1])
 
 
 @pytest.mark.parametrize("K", ["1/10", "9/8", "3/2", 2.7])
@@ -134,8 +139,8 @@ def test_random_nodes_are_drawn_like_random_partitions():
 @pytest.mark.parametrize("spec", PARTITIONS)
 def test_numbers_of_edges(spec, kind, K):
     """max(1, round(K m)) on a side with m cells, halves rounded up."""
-    cells = partition_of(square(), spec)
-    nodes = boundary_nodes(cells, kind, K)
+    cells = make_partition(square(), spec)
+    nodes = place_boundary_nodes(cells, kind, K)
     factor = {"1/10": 0.1, "9/8": 1.125, "3/2": 1.5}.get(K, K)
     expected = [max(1, int(factor * m + 0.5)) for m in np.bincount(cells.side)]
     assert_array_equal(np.bincount(np.searchsorted([1, 2, 3], nodes, side="right")), expected)
@@ -146,9 +151,9 @@ def test_numbers_of_edges(spec, kind, K):
 @pytest.mark.parametrize("kind", KINDS)
 def test_meshes_have_the_nodes_asked_for(kind):
     """To the last bit, so that nodes and ends of cells that are the same number stay the same."""
-    cells = partition_of(named("lshape"), RANDOM)
+    cells = make_partition(find_polygon("lshape"), RANDOM)
     mesh = mesh_of(cells, kind, 2)
-    assert_array_equal(mesh.s[:-1], boundary_nodes(cells, kind, 2))
+    assert_array_equal(mesh.s[:-1], place_boundary_nodes(cells, kind, 2))
     if kind["kind"] == "follow":
         assert_allclose(resolution(mesh, cells)[:3], (2, 2, 1), rtol=1e-12)
 
@@ -156,17 +161,17 @@ def test_meshes_have_the_nodes_asked_for(kind):
 def test_inner_nodes_by_hand():
     """A side of 5 cells and one of 4, of the length 1 each: before the middle at 3/4, after it at 1/4."""
     polygon = Polygon(np.array([[0, 0], [5, 0], [5, 4], [0, 4]]), "rectangle")
-    cells = partition_of(polygon, {"counts": [5, 4, 1, 1]})
+    cells = make_partition(polygon, {"counts": [5, 4, 1, 1]})
     expected = [0, 0.75, 1.75, 2.5, 3.25, 4.25, 5, 5.75, 6.5, 7.5, 8.25, 9, 11.5, 14, 16]
-    assert_array_equal(boundary_nodes(cells, INNER[0], "1/4"), expected)
-    assert_array_equal(boundary_nodes(cells, INNER[1], "1/4"), np.union1d(expected, cells.points[:-1]))
+    assert_array_equal(place_boundary_nodes(cells, INNER[0], "1/4"), expected)
+    assert_array_equal(place_boundary_nodes(cells, INNER[1], "1/4"), np.union1d(expected, cells.points[:-1]))
 
 
 @pytest.mark.parametrize("kind", INNER)
 @pytest.mark.parametrize("spec", PARTITIONS)
 @pytest.mark.parametrize("delta", [0.5, 0.3, 1 / 1024])
 def test_every_cell_has_one_node_inside_and_at_least_delta_from_its_ends(kind, spec, delta):
-    cells = partition_of(square(), spec)
+    cells = make_partition(square(), spec)
     mesh = mesh_of(cells, kind, delta)
     found = resolution(mesh, cells)
     assert delta * (1 - 1e-9) <= found.delta <= 0.5
@@ -175,15 +180,15 @@ def test_every_cell_has_one_node_inside_and_at_least_delta_from_its_ends(kind, s
 
 
 def test_explicit_nodes():
-    cells = partition_of(square(), {"H": 1})
+    cells = make_partition(square(), {"H": 1})
     mesh = mesh_of(cells, {"nodes": [0, "1/3", 1, 2, 2.5, 3]}, 1)
     assert_array_equal(mesh.s, [0, 1 / 3, 1, 2, 2.5, 3, 4])
 
 
 def test_structured_meshes():
-    cells = partition_of(square(), {"H": "1/4"})
+    cells = make_partition(square(), {"H": "1/4"})
     mesh = mesh_of(cells, {"kind": "structured"}, "3/2")
-    assert_array_equal(mesh.points, structured(square(), 1 / 6).points)
+    assert_array_equal(mesh.points, make_structured_mesh(square(), 1 / 6).points)
 
 
 @pytest.mark.parametrize(
@@ -199,7 +204,7 @@ def test_structured_meshes():
 )
 def test_partitions_refused(spec):
     with sentences.raises(InputError):
-        partition_of(square(), spec)
+        make_partition(square(), spec)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +220,7 @@ def test_partitions_refused(spec):
 )
 def test_meshes_refused(spec, K):
     with sentences.raises(InputError):
-        mesh_of(partition_of(square(), {"H": 1}), spec, K)
+        mesh_of(make_partition(square(), {"H": 1}), spec, K)
 
 
 RANDOM_EDGES = {"kind": "random", "spread": 4, "seed": 7}
@@ -226,23 +231,24 @@ SAME_NUMBERS = [{"H": "1/2", "spread": 2, "seed": seed} for seed in (1, 2)]
 def test_one_mesh_serves_all_partitions_with_its_boundary_nodes():
     """Edges that are drawn know the number of cells only; those that follow cells do not agree."""
     polygon = square()
-    cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]
-    first, second = meshes_of(cells, [RANDOM_EDGES] * 2, 3)
+    cells = [make_partition(polygon, spec) for spec in SAME_NUMBERS]
+    first, second = make_meshes(cells, [RANDOM_EDGES] * 2, 3)
     assert first is second
-    assert_array_equal(first.s[:-1], boundary_nodes(cells[1], RANDOM_EDGES, 3))
-    first, second = meshes_of(cells, [{"kind": "follow"}] * 2, 3)
+    assert_array_equal(first.s[:-1], place_boundary_nodes(cells[1], RANDOM_EDGES, 3))
+    first, second = make_meshes(cells, [{"kind": "follow"}] * 2, 3)
     assert not np.array_equal(first.s, second.s)
 
 
 def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypatch):
     """Two numbers of edges make two meshes; each partition's values are those of its own survey."""
-    condensed, own = [], stability.condense
+    condensed = []
+    own = stability.condense
     monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
     polygon = square()
-    cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]
-    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], {})
+    cells = [make_partition(polygon, spec) for spec in SAME_NUMBERS]
+    table = survey_pairs(cells, [RANDOM_EDGES] * 2, [2, 3], {})
     assert len(condensed) == 2
     for p in range(2):
-        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
+        alone = survey_pairs(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
         xr.testing.assert_equal(table.isel(partition=[p]), alone)
     assert len(condensed) == 6

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pages import drawn, page, pairs, points, said, table
 
-from study.experiments.stability.infsup_figure import RATIO
+from study.experiments.stability.infsup_figure import MAX_REGULAR_ALPHA_1
 from unilateral.norms.resolution import RULE
 
 
@@ -12,7 +12,8 @@ def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_withou
     """Lower bounds of all pairs, and the bound where there is one; besides them lines, and no point else."""
     rows = table("infsup")
     ratio, inner, unsolved = page("infsup")[0].axes
-    of_ratio, line = pairs(rows, "h_over_H", "beta_lower"), {(1, 0), (1, 1)}
+    of_ratio = pairs(rows, "h_over_H", "beta_lower")
+    line = {(1, 0), (1, 1)}
     assert points(ratio) | line == of_ratio | line
     curve = {(x, y) for x, y in points(inner) if abs(y - x * (1 - x)) < 1e-8}
     assert len(curve) >= 50
@@ -25,7 +26,7 @@ def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_withou
 def test_the_looks_are_those_of_the_claims():
     """Filled where angles and ratios of cells are those of claim T.node, open elsewhere; others by kind."""
     rows = table("infsup")
-    kept = (rows["smallest_angle"] >= RULE.smallest_angle) & (rows["alpha_1"] <= RATIO)
+    kept = (rows["smallest_angle"] >= RULE.smallest_angle) & (rows["alpha_1"] <= MAX_REGULAR_ALPHA_1)
     local = rows["kind"] == "local"
     drawn_as = {
         line.get_marker() + str(line.get_markerfacecolor()): len(line.get_xdata())

@@ -25,7 +25,7 @@ def survey(tmp_path):
         "side": (("partition", "cell"), np.array([[0, 1, 2, np.nan], [0, 1, 2, 3]])),
         "worst": ((*of_both, "cell"), np.arange(16.0).reshape(2, 2, 4)),
     }
-    tables.save(xr.Dataset(values), tmp_path / "infsup.nc", "survey")
+    tables.save_table(xr.Dataset(values), tmp_path / "infsup.nc", "survey")
     return tmp_path / "infsup.nc"
 
 
@@ -43,8 +43,10 @@ def test_a_ratio_that_the_survey_does_not_have_is_refused(survey):
 
 
 def test_multipliers_and_their_beta_are_those_of_the_table():
-    figure, rows = page("multiplier")[0], table("multiplier")
-    texts, ratios = said(figure), sorted(rows["h_over_H"].unique())
+    figure = page("multiplier")[0]
+    rows = table("multiplier")
+    texts = said(figure)
+    ratios = sorted(rows["h_over_H"].unique())
     betas = [rows["beta"][rows["h_over_H"] == ratio].iloc[0] for ratio in ratios]
     shown = [text.partition("\n")[2] for text in texts if "beta" in text]
     assert shown == [rf"$\beta={beta:.3f}$" if beta else r"$\beta=0$" for beta in betas]

@@ -6,7 +6,8 @@ from conftest import config, stored
 
 from unilateral.norms.resolution import RULE
 
-STUDY, FINDS = config("study"), config("worst_infsup")["finds"]
+STUDY = config("study")
+FINDS = config("worst_infsup")["finds"]
 SURVEYS = STUDY["surveys"]
 
 
@@ -27,7 +28,9 @@ def keeps_rule(table):
 @pytest.mark.parametrize("name", SURVEYS)
 def test_beta_is_known_to_half_a_percent_and_the_worst_multiplier_normalised(name):
     """The first of its values within 1e-3 of the largest is 1."""
-    lower, upper, worst = (survey(name)[of].values for of in ("beta_lower", "beta_upper", "worst"))
+    lower = survey(name)["beta_lower"].values
+    upper = survey(name)["beta_upper"].values
+    worst = survey(name)["worst"].values
     assert np.all((lower >= 0) & (lower <= upper) & (upper <= 1))
     assert np.all(upper <= 1.005 * lower)
     known = np.isfinite(worst).any(axis=-1)
@@ -45,7 +48,8 @@ def test_beta_is_0_where_the_partition_has_more_cells_than_the_mesh_boundary_nod
 
 def test_at_h_equal_to_H_beta_vanishes_on_an_even_boundary_and_not_on_an_odd_one():
     """The kernel (-1)^e/|e| closes up for an even number of edges only; the multiplier shows it."""
-    even, odd = survey("betasquare"), survey("betaodd")
+    even = survey("betasquare")
+    odd = survey("betaodd")
     k = int(np.abs(even["edges_per_cell"].values[:, 0] - 1).argmin())
     assert even["beta_upper"].values[k, 0] == 0
     kernel = even["worst"].values[k, 0]
@@ -75,7 +79,8 @@ def test_at_a_fixed_ratio_beta_is_uniform_in_h():
     )
     common = sorted(K for K in coarse.keys() & fine.keys() if coarse[K] > 0)
     assert len(common) >= 6
-    found, expected = (np.array([of[K] for K in common]) for of in (fine, coarse))
+    found = np.array([fine[K] for K in common])
+    expected = np.array([coarse[K] for K in common])
     np.testing.assert_allclose(found, expected, rtol=0.05)
     assert np.all(expected[1:] / expected[:-1] > 1.05)  # control
 

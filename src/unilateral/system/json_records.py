@@ -10,20 +10,20 @@ from typing import Any
 from unilateral.system.files import replacing
 
 
-def text(record: dict[str, Any]) -> str:
+def encode_json(record: dict[str, Any]) -> str:
     """One JSON object, with null for what is no finite number."""
-    return json.dumps(_finite(record))
+    return json.dumps(_replace_nonfinite(record))
 
 
-def write(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
+def write_json(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
     """Writes a record as one JSON object to a file."""
     with replacing(path) as temporary:
-        temporary.write_text(text(record) + "\n", encoding="utf-8", newline="\n")
+        temporary.write_text(encode_json(record) + "\n", encoding="utf-8", newline="\n")
 
 
-def _finite(value: Any) -> Any:
+def _replace_nonfinite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
+        return {key: _replace_nonfinite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
+        return [_replace_nonfinite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

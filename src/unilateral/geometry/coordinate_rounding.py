@@ -7,16 +7,16 @@ from numpy.typing import ArrayLike
 
 from unilateral.arrays import Array
 
-FULL = 16
+UNROUNDED_DIGITS = 16
 """Double precision has at least 15 digits; numbers that need more were not rounded to fewer."""
-AS_TYPED = 3
+MAX_TYPED_DIGITS = 3
 """Numbers of no more significant digits are exact: no program rounds so far, a person wrote them."""
-NEAR_DECIMAL = 0.01
+DECIMAL_TOLERANCE = 0.01
 """Decimals that were moved, or scaled by a power of ten, miss decimals by less than this part of a unit."""
-ARITHMETIC = 1e-12
+NODE_ERROR_PER_DIAMETER = 1e-12
 """Programs place the nodes of a side up to this part of the domain's diameter: gmsh's transfinite curves are
 1e-13 of it off, its other ones an ulp of the largest coordinate."""
-ULPS = 4
+COORDINATE_ERROR_ULPS = 4
 """So many units in the last place of the largest coordinate are added, for sums of a few rounded terms."""
 
 
@@ -40,7 +40,7 @@ def significant_digits(values: ArrayLike) -> int:
     return max((len(text.split("e")[0].replace(".", "").strip("0")) for text in texts), default=0)
 
 
-def units(values: ArrayLike) -> Array:
+def rounding_units(values: ArrayLike) -> Array:
     """The unit of the last digit to which numbers were rounded, 0 where they have all digits of a double.
 
     They may have been rounded to a number of decimals, of significant digits, or to single precision. Where
@@ -57,56 +57,58 @@ def units(values: ArrayLike) -> Array:
     ndarray of float, of the same shape
         A number differs from the one that was rounded by at most half its unit.
 
-    >>> units([0.1234, 0.5, 1.25]).tolist(), units([1 / 3, 0.5]).tolist()
+    >>> rounding_units([0.1234, 0.5, 1.25]).tolist(), rounding_units([1 / 3, 0.5]).tolist()
     ([0.0001, 0.0001, 0.001], [0.0, 0.0])
     """
+    # Decimals explain the numbers up to half a unit, and so may single precision
     numbers = np.abs(np.asarray(values, dtype=float))
     decimal = np.maximum(_significant_units(numbers), _decimal_unit(numbers))
-    return np.maximum(decimal, _single_units(numbers, 0.5 * decimal))
+    return np.maximum(decimal, _single_precision_units(numbers, 0.5 * decimal))
 
 
-def as_typed(values: ArrayLike) -> bool:
-    """Whether numbers have so few digits, at most AS_TYPED, that nobody rounded them."""
+def has_typed_digits(values: ArrayLike) -> bool:
+    """Whether numbers have so few digits, at most MAX_TYPED_DIGITS, that nobody rounded them."""
     numbers = np.abs(np.asarray(values, dtype=float))
-    return bool(np.all((numbers == 0) | (numbers < 10**AS_TYPED * units(numbers))))
+    return bool(np.all((numbers == 0) | (numbers < 10**MAX_TYPED_DIGITS * rounding_units(numbers))))
 
 
-def arithmetic(places: Array) -> float:
+def arithmetic_error(points: Array) -> float:
     """How far round-off in another program may have moved the places (n, 2) of a mesh."""
-    return ULPS * float(np.spacing(np.abs(places).max())) + ARITHMETIC * float(
-        np.hypot(*np.ptp(places, axis=0))
+    return COORDINATE_ERROR_ULPS * float(np.spacing(np.abs(points).max())) + NODE_ERROR_PER_DIAMETER * float(
+        np.hypot(*np.ptp(points, axis=0))
     )
 
 
-def radii(places: Array) -> Array:
-    """(n,) how far rounded places (n, 2) may be from the true ones: half a unit in either coordinate.
+def rounding_errors_of_points(points: Array) -> Array:
+    """How far rounded points may be from the true ones: half a unit in either coordinate, (n,).
 
     Of places as a person typed them the unit is 0, or that of single precision if they are kept in it.
     """
-    of_places = _single_units(places, 0.0) if as_typed(places) else units(places)
-    return 0.5 * np.hypot(*of_places.T)
+    units = _single_precision_units(points, 0.0) if has_typed_digits(points) else rounding_units(points)
+    return 0.5 * np.hypot(*units.T)
 
 
-def largest(places: Array) -> float:
+def max_point_error(points: Array) -> float:
     """How far places (n, 2) may be from the true ones at most, by their digits and by arithmetic."""
-    return float(radii(places).max()) + arithmetic(places)
+    return float(rounding_errors_of_points(points).max()) + arithmetic_error(points)
 
 
 def _significant_units(numbers: Array) -> Array:
     """The units if all numbers have the same number of significant digits; 0 where they are not short."""
     digits = significant_digits(numbers)
-    if not 0 < digits < FULL:
+    if not 0 < digits < UNROUNDED_DIGITS:
         return np.zeros(numbers.shape)
+    # x = a.bc.. 10^p with d significant digits: its last digit counts 10^(p - d + 1)
     with np.errstate(divide="ignore"):
         leading = np.where(numbers > 0, np.floor(np.log10(numbers)), -np.inf)
     return 10.0 ** (leading - digits + 1)
 
 
-def _single_units(numbers: Array, off: Array | float) -> Array:
-    """The units of single precision, if all numbers differ by at most `off` from ones in it; else 0."""
+def _single_precision_units(numbers: Array, tolerance: Array | float) -> Array:
+    """The units of single precision, if all numbers differ by at most `tolerance` from ones in it; else 0."""
     with np.errstate(over="ignore", under="ignore"):
         single = numbers.astype(np.float32)
-    if np.all(np.abs(numbers - single) <= off):
+    if np.all(np.abs(numbers - single) <= tolerance):
         return np.spacing(np.abs(single)).astype(float)
     return np.zeros(numbers.shape)
 
@@ -116,11 +118,12 @@ def _decimal_unit(numbers: Array) -> float:
     largest = float(numbers.max(initial=0.0))
     if largest == 0:
         return 0.0
-    decimals = AS_TYPED - 1 - int(np.floor(np.log10(largest)))
+    # The first number of decimals with which the largest value has MAX_TYPED_DIGITS digits
+    decimals = MAX_TYPED_DIGITS - 1 - int(np.floor(np.log10(largest)))
     # As long as a double tells a decimal from its neighbours clearly.
-    while float(np.spacing(largest)) * 10.0**decimals < 0.1 * NEAR_DECIMAL:
+    while float(np.spacing(largest)) * 10.0**decimals < 0.1 * DECIMAL_TOLERANCE:
         scaled = numbers * 10.0**decimals
-        if np.all(np.abs(scaled - np.round(scaled)) <= NEAR_DECIMAL):
+        if np.all(np.abs(scaled - np.round(scaled)) <= DECIMAL_TOLERANCE):
             return float(10.0**-decimals)
         decimals += 1
     return 0.0

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import Given, given
-from unilateral.bounds.constraint import Constraint, constraint
-from unilateral.bounds.forces import balance
+from unilateral.bounds.boundary_flux import GivenEdgeFlux, project_given_flux
+from unilateral.bounds.constraint import Constraint, build_constraint
+from unilateral.bounds.forces import enclose_total_force
 from unilateral.bounds.source import Source, enclose_source
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import edge_load
@@ -16,7 +16,7 @@ from unilateral.problems.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
-class MeshData:
+class EnclosedData:
     """What is known of f, g and q on the mesh of a `source`.
 
     Parameters
@@ -24,40 +24,41 @@ class MeshData:
     source
         f on the triangles.
     constraint
-        g on the boundary edges with multipliers, and the u that is given on clamped ones.
-    tau
-        The flux that is given on free edges.
-    balance
+        g on the boundary edges with multipliers, and u_D on clamped ones.
+    given_flux
+        The flux that is given on free edges, tau~ and what that leaves of it.
+    total_force
         If c = 0, two numbers between which - int f - int q lies, the sum of all forces and reactions.
     """
 
     source: Source
     constraint: Constraint
-    tau: Given
-    balance: tuple[float, float] | None
+    given_flux: GivenEdgeFlux
+    total_force: tuple[float, float] | None
 
     @property
     def mesh(self) -> Mesh:
+        """The mesh on which the data are enclosed."""
         return self.source.mesh
 
     @property
     def load(self) -> Array:
-        """(n,) the load of f and q, exact for the polynomials of their enclosures."""
-        return self.source.load + edge_load(self.mesh, self.tau.ends)
+        """The load vector of f and q, exact for the polynomials of their enclosures, (n,)."""
+        return self.source.load + edge_load(self.mesh, self.given_flux.end_values)
 
 
-def enclose_data(problem: Problem, mesh: Mesh, form: Form, source: Source | None = None) -> MeshData:
+def enclose_data(problem: Problem, mesh: Mesh, form: Form, source: Source | None = None) -> EnclosedData:
     """f, g and q of a problem, enclosed on a mesh; the `form` is the problem's on that mesh.
 
     If `source` is given it is f on the mesh, which then is not enclosed again.
     """
     flux = problem.enclosed_flux
-    tau = given(flux, mesh)
+    tau = project_given_flux(flux, mesh)
     if source is None:
         source = enclose_source(mesh, problem.source, form)
-    return MeshData(
+    return EnclosedData(
         source=source,
-        constraint=constraint(problem.enclosed_obstacle, mesh, form),
-        tau=tau,
-        balance=None if form.c else balance(source, flux),
+        constraint=build_constraint(problem.enclosed_obstacle, mesh, form),
+        given_flux=tau,
+        total_force=None if form.c else enclose_total_force(source, flux),
     )

@@ -7,34 +7,34 @@ from functools import partial
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import by_parts, case_moments
-from unilateral.fem.poincare import friedrichs
-from unilateral.formulas.exact_numbers import rounded
+from unilateral.fem.p1 import assemble_load_by_blocks, case_moments
+from unilateral.fem.poincare import friedrichs_constant
+from unilateral.formulas.exact_numbers import as_float
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.problem import Problem
 
-NEGLIGIBLE = 100.0
+NEGLIGIBLE_FRIEDRICHS_RATIO = 100.0
 """Where c C^2 is more than this times k, the constant C of Friedrichs is not needed.
 
 It would lower the bound c^{-1/2} on ||v||_0 over ||v|| by less than half a per cent.
 """
 
 
-def form_of(problem: Problem, mesh: Mesh) -> Form:
+def problem_form(problem: Problem, mesh: Mesh) -> Form:
     """The form of a problem, with Friedrichs' constant by the mesh where a side is clamped.
 
     Raises InputError if c = 0 and no constant is found.
     """
-    form = Form(rounded(problem.k), rounded(problem.c), problem.clamped_sides, problem.free_sides)
+    form = Form(as_float(problem.k), as_float(problem.c), problem.clamped_sides, problem.free_sides)
     # C is at least the inradius over 2.405, the first zero of J_0, and that at least this length
     length = mesh.polygon.area / mesh.polygon.perimeter / 2.405
-    if not form.clamped or form.c * length**2 > NEGLIGIBLE * form.k:
+    if not form.clamped or form.c * length**2 > NEGLIGIBLE_FRIEDRICHS_RATIO * form.k:
         return form
     try:
-        return form._replace(friedrichs=friedrichs(mesh, form.clamped))
+        return form._replace(friedrichs=friedrichs_constant(mesh, form.clamped))
     except InputError:
         if form.c > 0:
             return form
@@ -42,12 +42,12 @@ def form_of(problem: Problem, mesh: Mesh) -> Form:
 
 
 def case_load(case: ExactSolution, mesh: Mesh) -> Array:
-    """(n,) the load of a case's f, by quadrature."""
-    return by_parts(mesh, partial(case_moments, case))
+    """The load of a case's source, by quadrature; shape (n,)."""
+    return assemble_load_by_blocks(mesh, partial(case_moments, case))
 
 
 def obstacle_means(problem: Problem, cells: Partition) -> Array:
-    """(cells,) the means of g: of a case exact up to rounding, else of the enclosure."""
+    """The means (cells,) of g over the cells: of a case exact up to rounding, else of the enclosure."""
     if problem.exact:
         return cell_means(problem.exact, cells).g_means
     return problem.enclosed_obstacle.means(cells.points)

@@ -6,15 +6,17 @@ import warnings
 from pathlib import Path
 
 from unilateral import api
-from unilateral.discrete.choice import check_size
+from unilateral.discrete.choice import check_mesh_memory
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind
+from unilateral.geometry.structured import default_mesh_kind
 
 
-def own_mesh(file: str, polygon: Polygon | None, option: str = "--mesh", corners: bool = False) -> Mesh:
+def read_mesh_option(
+    file: str, polygon: Polygon | None, option: str = "--mesh", corners: bool = False
+) -> Mesh:
     """The mesh in the file, by `read_mesh`. Warnings say what was changed in it."""
     if not Path(file).is_file():
         raise InputError(f"argument {option}: there is no file '{file}'")
@@ -23,7 +25,7 @@ def own_mesh(file: str, polygon: Polygon | None, option: str = "--mesh", corners
         return read_mesh(file, polygon, corners)
 
 
-def mesh_of_size(polygon: Polygon, h: float) -> Mesh:
+def make_mesh_of_size(polygon: Polygon, h: float) -> Mesh:
     """A mesh of the polygon, structured where its sides allow that. Raises InputError for too small an h."""
-    check_size(polygon, h)
-    return api.KINDS[natural_kind(polygon)](polygon, h)
+    check_mesh_memory(polygon, h)
+    return api.MESH_KINDS[default_mesh_kind(polygon)](polygon, h)
