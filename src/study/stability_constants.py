@@ -120,10 +120,10 @@ def cellwise_lower_bound(mesh: Mesh, partition: Partition) -> float:
 def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
     """Quotients of the sides of Lemmas 3.1 and 4.3 for every run of a scene, with its measured errors.
 
-    `norm_ratio` bounds ||e||_{-1/2,h} / ||e||_{-1/2} for e = lambda - lambda_H, which lies in [0, 1] and, if
-    e were in P0(T_H), above beta; `lemma_4_3` is the left side of (4.6) over the right one with the constants
-    1 + 1/beta and 1/beta, every factor taken on its unfavourable side. NaN where beta or, to round-off, the
-    error is 0.
+    `norm_ratio_lower` and `norm_ratio_upper` bound ||e||_{-1/2,h} / ||e||_{-1/2} for e = lambda - lambda_H,
+    which lies in [0, 1] and, if e were in P0(T_H), above beta; `lemma_4_3` is the left side of (4.6) over the
+    right one with the constants 1 + 1/beta and 1/beta, every factor taken on its unfavourable side. NaN where
+    beta or, to round-off, the error is 0.
     """
     beta = errors["beta_upper"]
     upper = errors["hm12_error_upper"]

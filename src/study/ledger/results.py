@@ -14,7 +14,7 @@ from study.tables import load_table
 class Results(dict[str, xr.Dataset]):
     """The tables below a folder by name, such as "square/errors", read when they are asked for.
 
-    A file that is `listed_digests` has to have the SHA-256 that is listed.
+    A file that is in `listed_digests` has to have the SHA-256 that is listed there.
     """
 
     def __init__(

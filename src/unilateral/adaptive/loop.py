@@ -83,7 +83,7 @@ class Search:
     `believed` are the levels that no other one contradicts. `best` is the last believed level that is
     certified, or else the one with the smallest bound; if none is believed, it is the finest one. `certified`
     says whether a believed level is certified. `refusal` says why the next mesh was refused, if it was.
-    `make_plan` predicts what the accuracy takes if a limit ended the loop and that can be told. `reach` is a
+    `plan` predicts what the accuracy takes if a limit ended the loop and that can be told. `reach` is a
     larger accuracy that the limits allow, where the plan shows that they do not allow this one.
     """
 

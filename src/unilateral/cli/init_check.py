@@ -69,7 +69,7 @@ def describe_problem_file(name: str, picture: str | None) -> str:
 
 
 def describe_problem(problem: Problem) -> Iterator[str]:
-    """The lines that `describe_problem_file` prints."""
+    """Lines that tell what is solved, and what holds on each side of the polygon."""
     polygon = problem.polygon
     if problem.c != ZERO:
         yield f"{problem.name}: -k lap u + c u = f with k = {problem.k} and c = {problem.c}"
@@ -133,9 +133,9 @@ def _evaluate_along_side(problem: Problem, formula: Expression, side: int) -> Ar
 
 
 def format_bound(bound: float, largest: float, round_outward: Callable[[float, str], str]) -> str:
-    """A bound x on something of that `largest`, as text that can be read and is still a bound.
+    """A bound on numbers of the size `largest`, as text that can be read and is still a bound.
 
-    It is `round_outward` down or up to 12 digits. The rounding of 0 is shown as 0 or as a power of ten.
+    `round_outward` rounds it down or up to 12 digits. The rounding of 0 is shown as 0 or as a power of ten.
     """
     if 0 < abs(bound) <= RELATIVE_VALUE_ROUNDING * largest:
         towards_0 = (bound < 0) == (round_outward is format_up)

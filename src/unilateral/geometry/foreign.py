@@ -148,7 +148,7 @@ def _are_meshio_blocks(cells: Any) -> bool:
 def extract_meshio_triangles(content: Any, where: str, corners_only: bool = False) -> tuple[Array, Array]:
     """The points and the triangles of a mesh of meshio, those that belong to several groups once.
 
-    Triangles of second order are refused, or their `corners_only` taken.
+    Triangles of second order are refused; with `corners_only` their corners are taken.
     """
     allowed_kinds = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners_only else set())
     other_kinds = sorted({block.type for block in content.cells} - allowed_kinds)

@@ -32,7 +32,7 @@ class Mesh:
     nodes along the boundary, anticlockwise from the polygon's vertex 0; `s` (nb + 1,) their arc lengths,
     exact at the polygon's vertices, the perimeter last. Boundary edge k joins boundary[k] and
     boundary[(k + 1) % nb]. A mesh that was refined knows the `coarse` one, the `steps` from there, and its
-    `stored_triangulation` edges.
+    edges, in the `stored_triangulation`.
     """
 
     polygon: Polygon

@@ -136,7 +136,7 @@ def _check_fit_at_vertex(
     """Raises InputError unless what is given on the two sides at a vertex fits together there.
 
     It is `value_before` on the side before the vertex and `value_after` on the next one. Both are g or both
-    u, and alike; or u is at least g. They may be off by what is `allowed`.
+    u, and alike; or u is at least g. They may be off by `allowed`.
     """
     before = (vertex - 1) % problem.polygon.n_sides
     clamped = problem.clamped_sides

@@ -53,10 +53,10 @@ MIN_FLUX_CUT_ULPS = 4 * ARC_LENGTH_ERROR_ULPS
 class EdgePolynomials(NamedTuple):
     """The polynomials of an `Obstacle` on edges, at Q Gauss points of K intervals and at the edges' ends.
 
-    The intervals lie on the edges `edge` (K,), and have that `half_length` length (K,). At the arc lengths s
-    (K, Q) the polynomials have the values `value` and the derivatives `slope` (K, Q); the rule's `weights`
-    (Q,) belong to [-1, 1]. `remainder`, `upper`, `slope_remainder` and `end_slope_remainder` (K,) are those
-    of the obstacle, the last within `reach` of the ends of pieces.
+    The intervals lie on the edges `edge` (K,), and half of their length is `half_length` (K,). At the arc
+    lengths s (K, Q) the polynomials have the values `value` and the derivatives `slope` (K, Q); the rule's
+    `weights` (Q,) belong to [-1, 1]. `remainder`, `upper`, `slope_remainder` and `end_slope_remainder` (K,)
+    are those of the obstacle, the last within `reach` of the ends of pieces.
 
     At the start, the end and the midpoint of all edges the polynomials have the values `ends` (nb, 3), from
     inside the edge. At an edge's start they may differ by `allowed_jumps` (nb,) where data fit together: on

@@ -74,9 +74,9 @@ class IntervalPieces(NamedTuple):
 class PieceSamples(NamedTuple):
     """Polynomials at Q Gauss points of K intervals, each of which lies on one `piece` (K,).
 
-    The intervals have that `middle` and `half_length` length (K,). At the arc lengths s (K, Q) the
-    polynomials have the values `value` and the derivatives `slope` (K, Q). The rule's weights (Q,) belong to
-    [-1, 1].
+    An interval has its midpoint at `middle` (K,), and half of its length is `half_length` (K,). At the arc
+    lengths s (K, Q) the polynomials have the values `value` and the derivatives `slope` (K, Q). The rule's
+    weights (Q,) belong to [-1, 1].
     """
 
     piece: Index

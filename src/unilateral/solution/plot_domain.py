@@ -44,7 +44,7 @@ CLAMPED_SIDE_STYLE: Any = {
 def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) -> None:
     """Draws u_h with its contour lines, a colour bar, sides with numbers, and contact.
 
-    The colour bar is beside the axes, or takes a part of them if it `is_bar_inside`.
+    The colour bar is beside the axes, or takes a part of them if `is_bar_inside`.
     """
     field = _shade_nodal_values(axes, plot_data, plot_data.u, Normalize(*plot_data.colour_limits))
     lines = {"linewidths": 0.5, "linestyles": "solid"}

@@ -231,6 +231,15 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
 
 
+@pytest.mark.parametrize("known", ["S_1", "S"])
+def test_without_a_useful_v_the_multiplier_is_bounded_by_that_of_u(known):
+    """Y <= D + (S^2 + 2 B + D^2)^{1/2}: 2 + 7 for S = 3, B = 18, D = 2, on H^1 or on V."""
+    useless = ResidualBounds(*[math.inf] * 5, missing_norm=0.0, B=0.0)
+    of_u = useless._replace(**{known: 3.0}, B=18.0)
+    errors = bound_total_errors(1.0, of_u, useless, D=2.0, D_clamped=0.0, sigma_distance=0.0)
+    assert errors.lambda_ == pytest.approx(9, rel=1e-8)
+
+
 def test_a_small_residual_is_not_lost_beside_y():
     """X^2 = S^2 + D^2 - (D - eta)^2 with 50 digits: D = 1, S = 1e-6, eta from 1e-3 to 1e-15."""
     for eta in (1e-3, 1e-9, 1e-12, 1e-15):
