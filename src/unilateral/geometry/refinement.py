@@ -19,7 +19,7 @@ half of an edge that of the edge; others get the next ones, and so do new nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -111,48 +111,28 @@ def refine_triangulation(
     triangulation: Triangulation, marked: Index | None = None
 ) -> tuple[Triangulation, RefinementStep]:
     """The triangulation with the chosen triangles, by default all, cut in four, and others as that needs."""
-    E = len(triangulation.ends)
-    # the edges (k,) that are halved: with any edge of a triangle its reference edge
-    cut = np.arange(E, dtype=np.int32) if marked is None else _edges_to_halve(triangulation, marked)
     n = triangulation.n_nodes
-    k = len(cut)
-    uniform = len(cut) == E
-    ends, edge_triangles = (
-        (triangulation.ends, triangulation.edge_triangles)
-        if uniform
-        else (triangulation.ends[cut], triangulation.edge_triangles[cut])
+    E = len(triangulation.ends)
+    halved = np.arange(E, dtype=np.int32) if marked is None else _edges_to_halve(triangulation, marked)
+    k = len(halved)
+    uniform = k == E
+    # The j-th halved edge has the midpoint n + j and the second half E + j; edges that stay have -1
+    midpoints = np.full(E, -1, dtype=np.int32)
+    midpoints[halved] = n + np.arange(k, dtype=np.int32)
+    second_halves = np.full(E, -1, dtype=np.int32)
+    second_halves[halved] = E + np.arange(k, dtype=np.int32)
+    new = _cut_triangles(triangulation, midpoints, second_halves, E + k)
+    # A uniform step shares the arrays of all edges, and needs no numbers, which are known from the order
+    rows = slice(None) if uniform else halved
+    step = RefinementStep(
+        n,
+        triangulation.ends[rows],
+        triangulation.edge_triangles[rows],
+        new.nodes,
+        len(triangulation.nodes),
+        None if uniform else (new.triangles, new.parent, new.area_halvings),
     )
-    # Of each edge the new node, and the number of its second half; -1 for none
-    midpoint = np.full(E, -1, dtype=np.int32)
-    midpoint[cut] = n + np.arange(k, dtype=np.int32)
-    second_half = np.full(E, -1, dtype=np.int32)
-    second_half[cut] = E + np.arange(k, dtype=np.int32)
-    # along the refined boundary the first half of an edge comes before the second
-    halved = np.flatnonzero(midpoint[triangulation.boundary_edges] >= 0)
-    boundary = np.insert(
-        triangulation.boundary_edges, halved + 1, second_half[triangulation.boundary_edges[halved]]
-    )
-    new = _Children(triangulation, midpoint, second_half, E + k)
-    children = None if uniform else (new.triangles, new.parent, new.area_halvings)
-    step = RefinementStep(n, ends, edge_triangles, new.nodes, len(triangulation.nodes), children)
-    refined = Triangulation(
-        n + k,
-        new.nodes if uniform else step.replace_values(triangulation.nodes, new.nodes),
-        new.edges if uniform else step.replace_values(triangulation.edges, new.edges),
-        np.concatenate(
-            [triangulation.ends, np.column_stack([midpoint[cut], ends[:, 1]]), new.interior_edges]
-        ),
-        np.concatenate(
-            [triangulation.edge_triangles, np.full((k + len(new.interior_edges), 2), -1, dtype=np.int32)]
-        ),
-        boundary,
-        triangulation.all_alike and uniform,
-    )
-    # A halved edge becomes its first half; its triangles are new, and enter on the side on which they run
-    refined.ends[cut, 1] = midpoint[cut]
-    refined.edge_triangles[cut] = -1
-    reverse = refined.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
-    refined.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    refined = _replace_triangles(triangulation, step, new, midpoints, second_halves)
     return refined, replace(step, refined_triangulation=refined) if uniform else step
 
 
@@ -194,52 +174,83 @@ RED_CHILDREN = 4
 """How many children a green, a blue and a red triangle have."""
 
 
-class _Children:
-    """All new triangles (c,) with their nodes and edges (c, 3) and their parents (c,).
+class NewTriangles(NamedTuple):
+    """The new triangles (c,) of a refinement, with their nodes and edges (c, 3) and their parents (c,).
 
-    The edges `interior_edges` lie inside the parents. `area_halvings` (c,) is how often the parents' areas
-    were halved.
+    `area_halvings` (c,) is how often the parents' areas were halved, and `interior_edges` (e, 2) are the ends
+    of the edges that lie inside the parents.
     """
 
-    def __init__(
-        self, triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
-    ) -> None:
-        """`midpoints` and `second_halves` (E,) are the new node and the second half of each edge, or -1."""
-        # Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red
-        hit = np.zeros(len(triangulation.nodes), dtype=bool)
-        beside = triangulation.edge_triangles[midpoints >= 0]
-        hit[beside[beside >= 0]] = True
-        parents = np.flatnonzero(hit).astype(np.int32)
-        halved = midpoints[triangulation.edges[parents]] >= 0
-        kinds = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
-        count = np.array([len(interior) for interior in INTERIOR_EDGES], dtype=np.int32)[kinds]
-        first_interior = np.cumsum(count, dtype=np.int32) - count
-        self.interior_edges = np.empty((int(count.sum()), 2), dtype=np.int32)
-        self.triangles = np.empty(len(parents) + len(self.interior_edges), np.int32)
-        self.parent = np.empty(len(parents) + len(self.interior_edges), np.int32)
-        self.nodes = np.empty((len(self.triangles), 3), np.int32)
-        self.edges = np.empty((len(self.triangles), 3), np.int32)
-        self.area_halvings = np.empty(len(self.triangles), np.int16)
-        # The first child takes its parent's number, the others take the next free ones
-        begin = 0
-        free = len(triangulation.nodes)
-        for kind, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
-            positions = np.flatnonzero(kinds == kind)
-            family = parents[positions]
-            first = first_interior[positions]
-            nodes, halves = _local_numbering(triangulation, family, midpoints, second_halves)
-            inside = first[:, None] + np.arange(len(within), dtype=np.int32)
-            self.interior_edges[inside] = nodes[:, np.array(within)]
-            local_edges = np.concatenate([halves, n_edges + inside], axis=1)
-            for number, (child_nodes, child_edges) in enumerate(children):
-                rows = slice(begin, begin + len(family))
-                self.triangles[rows] = np.arange(free, free + len(family)) if number else family
-                free += len(family) if number else 0
-                self.nodes[rows] = nodes[:, child_nodes]
-                self.edges[rows] = local_edges[:, child_edges]
-                self.parent[rows] = family
-                self.area_halvings[rows] = CHILD_AREA_HALVINGS[kind][number]
-                begin += len(family)
+    triangles: Int32
+    nodes: Int32
+    edges: Int32
+    parent: Int32
+    area_halvings: Int16
+    interior_edges: Int32
+
+
+def _cut_triangles(
+    triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
+) -> NewTriangles:
+    """The children of all triangles with a halved edge.
+
+    `midpoints` and `second_halves` (E,) are the new node and the second half of each edge, or -1. `n_edges`
+    counts halves, too, so that it is the number of the first edge inside a triangle.
+    """
+    beside = triangulation.edge_triangles[midpoints >= 0]
+    is_cut = np.zeros(len(triangulation.nodes), dtype=bool)
+    is_cut[beside[beside >= 0]] = True
+    parents = np.flatnonzero(is_cut).astype(np.int32)
+    # Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red; edge 0 always is
+    halved = midpoints[triangulation.edges[parents]] >= 0
+    kinds = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
+    n_interior = np.array([len(ends) for ends in INTERIOR_EDGES], dtype=np.int32)[kinds]
+    first_interior = np.cumsum(n_interior, dtype=np.int32) - n_interior
+    # e edges inside a triangle make e + 1 children of it
+    new = _allocate_triangles(len(parents) + int(n_interior.sum()), int(n_interior.sum()))
+    row = 0
+    for kind, interior_ends in enumerate(INTERIOR_EDGES):
+        family = np.flatnonzero(kinds == kind)
+        inside = first_interior[family][:, None] + np.arange(len(interior_ends), dtype=np.int32)
+        nodes, halves = _local_numbering(triangulation, parents[family], midpoints, second_halves)
+        new.interior_edges[inside] = nodes[:, np.array(interior_ends)]
+        edges = np.concatenate([halves, n_edges + inside], axis=1)
+        row = _write_children(new, row, kind, parents[family], nodes, edges)
+    # Children without a number, all but the first of each parent, get the next free ones
+    added = np.flatnonzero(new.triangles < 0)
+    new.triangles[added] = np.arange(len(triangulation.nodes), len(triangulation.nodes) + len(added))
+    return new
+
+
+def _allocate_triangles(c: int, n_interior_edges: int) -> NewTriangles:
+    """Arrays without values for c new triangles; they are large, and so are filled and not joined."""
+    return NewTriangles(
+        np.empty(c, np.int32),
+        np.empty((c, 3), np.int32),
+        np.empty((c, 3), np.int32),
+        np.empty(c, np.int32),
+        np.empty(c, np.int16),
+        np.empty((n_interior_edges, 2), np.int32),
+    )
+
+
+def _write_children(
+    new: NewTriangles, row: int, kind: int, parents: Int32, nodes: Int32, edges: Int32
+) -> int:
+    """Writes the children of all parents (p,) of one kind into `new` from a row on, and returns the next row.
+
+    `nodes` (p, 6) and `edges` (p, 9 and those inside) are numbered as in CHILD_TRIANGLES. The first child
+    takes its parent's number, the others get -1 here.
+    """
+    for child, (child_nodes, child_edges) in enumerate(CHILD_TRIANGLES[kind]):
+        rows = slice(row, row + len(parents))
+        new.triangles[rows] = -1 if child else parents
+        new.nodes[rows] = nodes[:, child_nodes]
+        new.edges[rows] = edges[:, child_edges]
+        new.parent[rows] = parents
+        new.area_halvings[rows] = CHILD_AREA_HALVINGS[kind][child]
+        row += len(parents)
+    return row
 
 
 def _local_numbering(
@@ -255,6 +266,40 @@ def _local_numbering(
     last_half = np.where(ahead, second, edges)
     halves = np.stack([next_half, last_half], axis=2).reshape(-1, 6)
     return np.concatenate([nodes, midpoints[edges]], axis=1), np.concatenate([edges, halves], axis=1)
+
+
+def _replace_triangles(
+    triangulation: Triangulation,
+    step: RefinementStep,
+    new: NewTriangles,
+    midpoints: Int32,
+    second_halves: Int32,
+) -> Triangulation:
+    """The triangulation with its edges halved and the new triangles in place of their parents."""
+    # A halved edge becomes its first half; second halves and the edges inside triangles come last
+    halved = np.flatnonzero(midpoints >= 0)
+    second_ends = np.column_stack([midpoints[halved], step.ends[:, 1]])
+    ends = np.concatenate([triangulation.ends, second_ends, new.interior_edges])
+    ends[halved, 1] = midpoints[halved]
+    # At its edges a new triangle enters on the side on which it runs: for its parent, or where nothing is
+    n_added = len(ends) - len(triangulation.ends)
+    edge_triangles = np.concatenate([triangulation.edge_triangles, np.full((n_added, 2), -1, dtype=np.int32)])
+    edge_triangles[halved] = -1
+    reverse = ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
+    edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    # Boundary edges run with the boundary, so that the first half comes before the second
+    boundary = triangulation.boundary_edges
+    halved = np.flatnonzero(midpoints[boundary] >= 0)
+    boundary = np.insert(boundary, halved + 1, second_halves[boundary[halved]])
+    return Triangulation(
+        triangulation.n_nodes + len(step.ends),
+        step.replace_values(triangulation.nodes, new.nodes),
+        step.replace_values(triangulation.edges, new.edges),
+        ends,
+        edge_triangles,
+        boundary,
+        triangulation.all_alike and step.children is None,
+    )
 
 
 def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
