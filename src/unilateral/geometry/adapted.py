@@ -41,13 +41,14 @@ class AdaptedMesh:
     def cell(self) -> Index:
         """The cell of each boundary edge, (nb,)."""
         # The parent of an edge [a, a + l] is the dyadic interval of length 2 l that contains it
-        length = np.diff(self.positions)
-        begin = self.positions[:-1] // (2 * length) * (2 * length)
-        # By their starts, the larger one first: a parent begins a new cell unless an earlier one covers it
-        order = np.lexsort([-length, begin])
-        reach = np.maximum.accumulate((begin + 2 * length)[order])
+        length = 2 * np.diff(self.positions)
+        start = self.positions[:-1] // length * length
+        # Parents are nested or apart: in the order of their starts, the larger one first, each begins a new
+        # cell unless it starts before an earlier one ends
+        order = np.lexsort([-length, start])
+        last_end = np.maximum.accumulate((start + length)[order])
         cell = np.empty(len(order), dtype=np.intp)
-        cell[order] = np.cumsum(np.append(True, begin[order][1:] >= reach[:-1])) - 1
+        cell[order] = np.cumsum(np.append(True, start[order][1:] >= last_end[:-1])) - 1
         return cell
 
     @cached_property
@@ -59,14 +60,16 @@ class AdaptedMesh:
     @property
     def unbalanced_triangles(self) -> Index:
         """The triangles at boundary edges that are too long beside a shorter edge of the same cell."""
-        # Too long: half a cell (no edge is more) that is over MAX_CELL_EDGE_RATIO times its shortest edge
         length = np.diff(self.positions)
-        total, shortest = np.zeros((2, self.cell[-1] + 1), dtype=np.int64)
-        np.add.at(total, self.cell, length)
-        shortest[:] = total
+        cell_length = np.zeros(self.cell[-1] + 1, dtype=np.int64)
+        np.add.at(cell_length, self.cell, length)
+        shortest = cell_length.copy()
         np.minimum.at(shortest, self.cell, length)
-        long = (2 * length >= total[self.cell]) & (total > MAX_CELL_EDGE_RATIO * shortest)[self.cell]
-        return self.mesh.boundary_triangles[long]
+        # No edge is over half its cell. If the shortest is too short, those of half the cell are too long
+        is_half = 2 * length >= cell_length[self.cell]
+        return self.mesh.boundary_triangles[
+            is_half & (cell_length > MAX_CELL_EDGE_RATIO * shortest)[self.cell]
+        ]
 
 
 def start_adapted_mesh(mesh: Mesh) -> AdaptedMesh:
@@ -79,9 +82,10 @@ def mark_triangles(mesh: Mesh, shares: Array) -> Index:
 
     Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
-    shortest = float(np.spacing(mesh.polygon.largest)) / MAX_ROUNDING_PER_H
     order = np.argsort(-shares, kind="stable")
     marked = order[: np.searchsorted(np.cumsum(shares[order]), BULK_SHARE * shares.sum()) + 1]
+    # An edge of this length is rounded by MAX_ROUNDING_PER_H of it
+    shortest = float(np.spacing(mesh.polygon.largest)) / MAX_ROUNDING_PER_H
     marked = marked[mesh.longest_edges[marked] > shortest]
     if marked.size == 0:
         raise InputError(
@@ -95,9 +99,9 @@ def halve_triangle_edges(adapted: AdaptedMesh, halvings: Index) -> AdaptedMesh:
     """The mesh with the edges of each triangle halved `halvings` (m,) times, and others as that needs."""
     remaining = halvings
     while (chosen := np.flatnonzero(remaining > 0)).size:
-        before = len(adapted.mesh.steps)
         adapted = _refine_once(adapted, chosen)
-        (step,) = adapted.mesh.steps[before:]
+        # Children have one halving less to do than their parents; those cut for others' sake had none to do
+        step = adapted.mesh.steps[-1]
         remaining = step.replace_values(remaining, remaining[step.parent] - 1)
     return refine_and_balance(adapted, adapted.unbalanced_triangles)
 

@@ -60,29 +60,16 @@ def write_mesh(
     require("files of meshes need", "meshio")
     import meshio
 
-    n = len(mesh.triangles)
-    lines = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for_gmsh = Path(path).suffix == ".msh"
-    if for_gmsh:
-        # The sides, and all triangles, as physical groups with names, which some readers ask for
-        sides = mesh.polygon.n_sides
-        groups = [np.full(n, sides + 1, np.int32), (mesh.side + 1).astype(np.int32)]
-        cell_data = {"gmsh:physical": groups, "gmsh:geometrical": groups}
-        names = {f"side_{i}": np.array([i + 1, 1]) for i in range(sides)}
-        names["domain"] = np.array([sides + 1, 2])
-    else:
-        cell_data = {"side": [np.full(n, -1), mesh.side]}
-        cell_data |= {name: [np.full(n, np.nan), data] for name, data in (edge_data or {}).items()}
-        cell_data |= {
-            name: [data, np.full(len(lines), np.nan)] for name, data in (triangle_data or {}).items()
-        }
-        names = {}
     content = meshio.Mesh(
         np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
-        [("triangle", mesh.triangles), ("line", lines)],
+        [
+            ("triangle", mesh.triangles),
+            ("line", np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])),
+        ],
         point_data=dict(node_data or {}),
-        cell_data=cell_data,
-        field_data=names,
+        cell_data=_gmsh_groups(mesh) if for_gmsh else _cell_data(mesh, edge_data or {}, triangle_data or {}),
+        field_data=_gmsh_names(mesh.polygon.n_sides) if for_gmsh else {},
     )
     with replacing(path) as temporary:
         try:
@@ -95,6 +82,30 @@ def write_mesh(
             raise
         except Exception as error:
             raise InputError(f"{path}: the mesh cannot be written there ({_one_line(error)})") from error
+
+
+def _gmsh_groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
+    """The numbers of gmsh's groups, those of the triangles (m,) and of the boundary edges (nb,)."""
+    domain = np.full(len(mesh.triangles), mesh.polygon.n_sides + 1, np.int32)
+    groups = [domain, (mesh.side + 1).astype(np.int32)]
+    return {"gmsh:physical": groups, "gmsh:geometrical": groups}
+
+
+def _gmsh_names(n_sides: int) -> dict[str, np.ndarray]:
+    """The groups' names, which some readers ask for, each with its number and dimension."""
+    names = {f"side_{i}": np.array([i + 1, 1]) for i in range(n_sides)}
+    return names | {"domain": np.array([n_sides + 1, 2])}
+
+
+def _cell_data(
+    mesh: Mesh, edge_data: Mapping[str, np.ndarray], triangle_data: Mapping[str, np.ndarray]
+) -> dict[str, list[np.ndarray]]:
+    """The sides and further data, those of the triangles (m,) and of the boundary edges (nb,)."""
+    no_triangle_data = np.full(len(mesh.triangles), np.nan)
+    no_edge_data = np.full(len(mesh.boundary), np.nan)
+    cell_data = {"side": [np.full(len(mesh.triangles), -1), mesh.side]}
+    cell_data |= {name: [no_triangle_data, data] for name, data in edge_data.items()}
+    return cell_data | {name: [data, no_edge_data] for name, data in triangle_data.items()}
 
 
 def read_mesh(

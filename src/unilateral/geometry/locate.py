@@ -22,22 +22,32 @@ def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]
     A point on an edge, up to rounding, has a pair with each triangle there; one outside has none.
     """
     corners = mesh.points[mesh.triangles]
-    # boxes[0] are about the triangles, by the Z order; boxes[i + 1] about two neighbours in boxes[i]
     reach = ROUNDING_PER_COORDINATE * float(np.abs(mesh.points).max())
     order = _z_order(corners.mean(axis=1))
-    boxes = [(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)]
-    while len(boxes[-1][0]) > 1:
-        low, high = boxes[-1]
-        pairs = np.arange(0, len(low), 2)
-        boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
+    boxes = _box_tree(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)
+    # Pairs of a point and a triangle's box, in blocks of points
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // MAX_POINTS_LOCATED)
     box_pairs = [_pair_with_boxes(boxes, points[block]) for block in blocks]
     point = np.concatenate([block[number] for block, (number, _) in zip(blocks, box_pairs, strict=True)])
     triangle = order[np.concatenate([box for _, box in box_pairs])]
     # The distance from an edge is weight * height, and may be -reach by rounding
-    weights, height = _barycentric_with_heights(corners[triangle], points[point])
-    inside = (weights >= -reach / height).all(axis=1)
+    weights, heights = _barycentric_with_heights(corners[triangle], points[point])
+    inside = (weights >= -reach / heights).all(axis=1)
     return point[inside], triangle[inside], weights[inside]
+
+
+def _box_tree(low: Array, high: Array) -> list[tuple[Array, Array]]:
+    """The boxes from `low` to `high` (m, 2), those about pairs of neighbours, and so on up to one about all.
+
+    Box i has the boxes 2 i and 2 i + 1 of the entry before; the last box may have only one.
+    """
+    boxes = [(low, high)]
+    while len(low) > 1:
+        pairs = np.arange(0, len(low), 2)
+        low = np.minimum.reduceat(low, pairs)
+        high = np.maximum.reduceat(high, pairs)
+        boxes.append((low, high))
+    return boxes
 
 
 def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
@@ -46,6 +56,7 @@ def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[I
     point = np.arange(len(points))
     box = np.zeros(len(points), dtype=np.intp)
     for low, high in boxes[::-1]:
+        # the second half is missing where the number of boxes was odd
         point = point[box < len(low)]
         box = box[box < len(low)]
         within = ((points[point] >= low[box]) & (points[point] <= high[box])).all(axis=1)
@@ -67,7 +78,10 @@ def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Arr
 
 
 def _z_order(points: Array) -> Index:
-    """The order (m,) of points along a Z curve, by the bits of both coordinates in turn."""
+    """The order (m,) of points along a Z curve, by the bits of both coordinates in turn.
+
+    Points that follow one another in it are mostly near each other.
+    """
     low = points.min(axis=0)
     size = np.ptp(points, axis=0).max() or 1.0
     cells = ((points - low) / size * (2**Z_ORDER_BITS - 1)).astype(np.int64)

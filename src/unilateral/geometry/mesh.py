@@ -166,6 +166,7 @@ def from_arrays(
     triangulation_checks.check_areas(nodes, cells, where)
     triangulation_checks.check_distinct_nodes(polygon.diameter, nodes, where)
     mesh = build_conforming_mesh(polygon, nodes, cells, where, may_be_rounded)
+    # Once more, for nodes may have been moved
     triangulation_checks.check_areas(mesh.points, cells, where)
     return mesh
 
@@ -181,44 +182,36 @@ def build_conforming_mesh(
     If it is, they triangulate the polygon: their boundary goes round each point of it once, and the sum of
     their indices about a point, all of them positive, is 1.
     """
-    # Every vertex of the polygon has a node of the boundary, as near as nodes may be beside it
     edges = triangulation_checks.find_boundary_edges(points, triangles, where)
     heights = triangulation_checks.min_heights(points, triangles, edges)
     reach = triangulation_checks.allowed_distances(polygon, points, edges, heights, may_be_rounded)
-    starts = points[edges[:, 0]]
-    nearest = np.array([np.argmin(np.hypot(*(starts - vertex).T)) for vertex in polygon.vertices])
-    distance = np.hypot(*(starts[nearest] - polygon.vertices).T)
-    missing = np.flatnonzero(distance > reach[edges[nearest, 0]])
-    if missing.size:
-        raise InputError(
-            f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
-            f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
-        )
-    # s = (x - a).t after the arc length of the side's start a, t the side's direction
+    triangulation_checks.check_vertices_are_nodes(polygon, points, edges[:, 0], reach, where)
+    # Edge ab lies at s = (x - p).t after the start p of its side, with x = a and the side's direction t
     side = triangulation_checks.assign_sides(polygon, points, edges, reach, heights, where)
-    s = polygon.starts[side] + np.sum(
-        (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
-    )
+    from_start = points[edges[:, 0]] - polygon.vertices[side]
+    s = polygon.starts[side] + np.sum(from_start * polygon.tangents[side], axis=1)
     # In the order along the boundary each edge has to begin where the one before ends
     order = np.lexsort([s, side])
-    edges = edges[order]
-    side = side[order]
-    s = s[order]
-    gap = np.flatnonzero(edges[:, 1] != np.roll(edges[:, 0], -1))
+    boundary = edges[order, 0]
+    gap = np.flatnonzero(edges[order, 1] != np.roll(boundary, -1))
     if gap.size:
         raise InputError(
             f"{where}: the boundary edges do not cover polygon '{polygon.name}' once; another one has to "
             "begin where the one that begins at node "
-            f"{triangulation_checks.describe_node(points, edges[gap[0], 0])} ends"
+            f"{triangulation_checks.describe_node(points, boundary[gap[0]])} ends"
         )
-    points = triangulation_checks.snap_to_sides(polygon, points, edges[:, 0], side, reach, where)
-    s = _snap_arc_lengths(polygon, side, s)
+    points = triangulation_checks.snap_to_sides(polygon, points, boundary, side[order], reach, where)
+    s = _snap_arc_lengths(polygon, side[order], s[order])
     _check_coordinate_rounding(polygon, float(np.diff(s).max()), where)
-    return Mesh(polygon, points, refinement.rotate_corners(points, triangles), edges[:, 0].copy(), s)
+    return Mesh(polygon, points, refinement.rotate_corners(points, triangles), boundary, s)
 
 
 def _snap_arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
-    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,)."""
+    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,).
+
+    `s` (nb,) are those of the nodes at which boundary edges start, in the order along the boundary.
+    """
+    # as many equal edges on each side as it has edges; where the side changes is a vertex
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= triangulation_checks.round_off(polygon)
     return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
@@ -251,6 +244,7 @@ def triangulate_from_boundary(polygon: Polygon, s: ArrayLike, growth: float | No
     edges = Partition(polygon, np.append(s, polygon.perimeter))
     _check_coordinate_rounding(polygon, float(edges.lengths.max()), "gmsh")
     mesh = from_arrays(polygon, *triangulate(edges, growth), "gmsh")
+    # in place of the arc lengths that were computed from coordinates
     return replace(mesh, s=edges.points)
 
 
@@ -291,9 +285,10 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
         )
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
     boundary = triangulation.ends[triangulation.boundary_edges, 0].astype(np.intp)
-    before = find_halved_edges(boundary, step.n_old_nodes)
-    s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))
-    side = np.insert(mesh.side, before + 1, mesh.side[before])
+    # Each half of a boundary edge is on the edge's side; the second one starts at the middle
+    halved = find_halved_edges(boundary, step.n_old_nodes)
+    s = np.insert(mesh.s, halved + 1, 0.5 * (mesh.s[halved] + mesh.s[halved + 1]))
+    side = np.insert(mesh.side, halved + 1, mesh.side[halved])
     s = _snap_arc_lengths(mesh.polygon, side, s[:-1])
     _check_coordinate_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
     return Mesh(
@@ -309,7 +304,7 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
 
 
 def find_halved_edges(new_boundary: Index, n_old_nodes: int) -> Index:
-    """The numbers of the boundary edges that were halved, from the nodes along the new boundary."""
+    """The old numbers of the boundary edges that were halved, from the nodes along the new boundary, (k,)."""
     # The i-th new node, counted from 0, comes after i others and the start of its edge
     new = np.flatnonzero(new_boundary >= n_old_nodes)
     return new - np.arange(1, len(new) + 1)

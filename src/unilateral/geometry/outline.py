@@ -56,37 +56,20 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
     line = order_boundary_nodes(points, triangles, where)
     places = points[line]
     # The turn at a node, from the edge before it to the edge after it
-    before = places - np.roll(places, 1, axis=0)
     after = np.roll(places, -1, axis=0) - places
+    before = np.roll(after, 1, axis=0)
     turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
-    # What round-off in another program explains, and what it and rounded digits explain
+    # Where places may be off by round-off in another program, and by that and by rounded digits
     arithmetic_errors = np.full(len(line), coordinate_rounding.arithmetic_error(places))
     point_errors = arithmetic_errors + coordinate_rounding.rounding_errors_of_points(places)
-    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
     rounding_turns = largest_turns(places, point_errors)
+    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
     if coordinate_rounding.has_typed_digits(places):
-        # Typed numbers are exact, but slight turns may come from numbers that were rounded to as few digits
-        unit_turns = largest_turns(
-            places, arithmetic_errors + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
-        )
-        rounded = ~straight & (np.abs(turns) <= rounding_turns)
-        unclear = (
-            ~straight
-            & ~rounded
-            & (np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * unit_turns))
-        )
-        corners = ~straight & ~rounded & ~unclear
+        half_units = 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
+        digit_turns = largest_turns(places, arithmetic_errors + half_units)
+        corners, rounded, unclear = _classify_typed_turns(turns, straight, rounding_turns, digit_turns)
     else:
-        corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * rounding_turns)
-        # The true turn is at most |turn| + rounding_turns
-        hidden = np.abs(turns) + rounding_turns >= MIN_CORNER_RADIANS
-        rounded = ~straight & (np.abs(turns) <= rounding_turns) & ~hidden
-        unclear = ~straight & ~corners & ~rounded
-        # Only where numbers are seen to be rounded may nodes in line hide a corner.
-        unclear |= straight & hidden & np.any(rounded | unclear)
-        unclear |= _find_rounding_patterns(
-            np.where(corners & (np.abs(turns) < SLIGHT_TURN_RADIANS), turns, 0.0), ~hidden
-        )
+        corners, rounded, unclear = _classify_turns(turns, straight, rounding_turns)
     if unclear.any():
         worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
@@ -100,8 +83,48 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
             f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
         )
     _check_straightness(points, line, corners, point_errors, where)
-    turn = float(np.abs(turns[rounded]).max(initial=0.0))
-    return Outline(Polygon(places[corners], Path(where).stem), line[rounded], turn)
+    polygon = Polygon(places[corners], Path(where).stem)
+    return Outline(polygon, line[rounded], float(np.abs(turns[rounded]).max(initial=0.0)))
+
+
+class TurnKinds(NamedTuple):
+    """Masks (n,) of the nodes at corners, of those at turns by rounding, and of those that may be either."""
+
+    corners: Mask
+    rounded: Mask
+    unclear: Mask
+
+
+def _classify_typed_turns(
+    turns: Array, straight: Mask, rounding_turns: Array, digit_turns: Array
+) -> TurnKinds:
+    """The kinds of the turns (n,) of a boundary whose coordinates were typed.
+
+    `straight` nodes turn by round-off alone. Typed numbers count as exact in the `rounding_turns` (n,). If
+    they were rounded to their few digits nevertheless, turns are up to `digit_turns` (n,): slight ones are
+    unclear.
+    """
+    slight = np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * digit_turns)
+    rounded = ~straight & (np.abs(turns) <= rounding_turns)
+    unclear = ~straight & ~rounded & slight
+    return TurnKinds(~straight & ~rounded & ~unclear, rounded, unclear)
+
+
+def _classify_turns(turns: Array, straight: Mask, rounding_turns: Array) -> TurnKinds:
+    """The kinds of the turns (n,) of a boundary whose coordinates were computed, and may be rounded.
+
+    `straight` nodes turn by round-off alone. Digits explain turns up to `rounding_turns` (n,).
+    """
+    corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * rounding_turns)
+    # The true turn is at most |turn| + rounding_turns
+    hidden = np.abs(turns) + rounding_turns >= MIN_CORNER_RADIANS
+    rounded = ~straight & (np.abs(turns) <= rounding_turns) & ~hidden
+    unclear = ~straight & ~corners & ~rounded
+    # Only where numbers are seen to be rounded may nodes in line hide a corner
+    unclear |= straight & hidden & np.any(rounded | unclear)
+    slight_corners = np.where(corners & (np.abs(turns) < SLIGHT_TURN_RADIANS), turns, 0.0)
+    unclear |= _find_rounding_patterns(slight_corners, ~hidden)
+    return TurnKinds(corners, rounded, unclear)
 
 
 def largest_turns(points: Array, errors: Array) -> Array:
@@ -118,8 +141,9 @@ def largest_turns(points: Array, errors: Array) -> Array:
 def _find_rounding_patterns(turns: Array, below_min_turn: Mask) -> Mask:
     """Mask (n,) of the nodes whose slight turns alternate, or stand alone, as on a side once rounded.
 
-    Those are the second of four in a row that alternate in sign, and one of the `below_min_turn` without a
-    neighbour that turns the same way, as each node of an arc has.
+    `turns` are 0 where they are not slight. A node is in the mask if it is the second of four in a row whose
+    turns alternate in sign, or one of the `below_min_turn` without a neighbour that turns the same way, as
+    each node of an arc has.
     """
     after = turns * np.roll(turns, -1)
     before = turns * np.roll(turns, 1)
@@ -131,8 +155,8 @@ def _find_rounding_patterns(turns: Array, below_min_turn: Mask) -> Mask:
 def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array, where: str) -> None:
     """Raises InputError unless all nodes between two corners are within their `errors` (n,) of the chord.
 
-    The ends of the chord may be off, too, and the chord between them is off by no more. Many turns, each as
-    small as rounding, are no straight side.
+    Many turns, each as small as rounding, are no straight side. The ends of the chord may be off, too, and
+    the chord between them is off by no more than the larger one of their errors.
     """
     ends = np.flatnonzero(corners)
     if len(ends) < 3:
@@ -169,6 +193,7 @@ def order_boundary_nodes(points: Array, triangles: Index, where: str) -> Index:
     after = np.full(len(points), -1)
     after[edges[:, 0]] = edges[:, 1]
     line = [int(edges[:, 0].min())]
+    # As many nodes as edges are enough: a line that meets itself may never come back to its first node
     while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
         line.append(int(after[line[-1]]))
     if len(line) < len(edges):

@@ -76,7 +76,7 @@ class Partition:
 
         Raises InputError if a point of this one is not, up to round-off, among them.
         """
-        distance = np.abs(finer[np.abs(finer[None] - self.points[:, None]).argmin(axis=1)] - self.points)
+        distance = np.abs(finer[None] - self.points[:, None]).min(axis=1)
         missed = np.flatnonzero(distance > VERTEX_TOLERANCE * self.polygon.perimeter)
         if missed.size:
             raise InputError(
@@ -86,11 +86,12 @@ class Partition:
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
     def has_inside(self, s: Array) -> Mask:
-        """Whether an arc length of s lies inside the cell and not, up to round-off, at an end, (m,)."""
+        """Whether a cell has an arc length of s inside and not, up to round-off, at an end, (m,)."""
+        # the perimeter, which is in no cell, is at an end
         cell = np.searchsorted(self.points, s, side="right") - 1
-        to_end = np.abs(s[:, None] - self.points).min(axis=1)
+        end_distance = np.abs(s[:, None] - self.points).min(axis=1)
         has_one = np.zeros(self.n_cells, dtype=bool)
-        has_one[cell[to_end > VERTEX_TOLERANCE * self.polygon.perimeter]] = True
+        has_one[cell[end_distance > VERTEX_TOLERANCE * self.polygon.perimeter]] = True
         return has_one
 
     @property
@@ -111,7 +112,7 @@ class Partition:
 
 
 def overlay(first: Array, second: Array) -> tuple[Array, Index, Index]:
-    """The arc lengths (k + 1,) of two divisions together, and the part (k,) of each for every interval."""
+    """The arc lengths (k + 1,) of two divisions together, and which interval of each contains these, (k,)."""
     points = np.union1d(first, second)
     first_index = np.searchsorted(first, points[:-1], side="right") - 1
     second_index = np.searchsorted(second, points[:-1], side="right") - 1
@@ -130,6 +131,7 @@ def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
     """
     snapped = read_floats(points, "partition")
     if snapped.size:
+        # A vertex replaces the point that is nearest to it, if that is the same place
         distance = np.abs(snapped[None] - polygon.starts[:, None])
         vertex = np.flatnonzero(distance.min(axis=1) <= VERTEX_TOLERANCE * polygon.perimeter)
         snapped[distance.argmin(axis=1)[vertex]] = polygon.starts[vertex]
@@ -154,8 +156,9 @@ def common_refinement(partitions: Sequence[Partition]) -> Partition:
     """The coarsest partition that refines all given ones; points that differ by round-off count as one."""
     polygon = partitions[0].polygon
     points = np.unique(np.concatenate([polygon.starts, *(partition.points for partition in partitions)]))
-    new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
-    return from_points(polygon, points[new])
+    # The first one of points at one place stays; if a vertex is there, from_points moves it to that
+    first = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
+    return from_points(polygon, points[first])
 
 
 def divide_cells(partition: Partition, count: int = 2) -> Partition:

@@ -58,28 +58,27 @@ def first_crossing(vertices: Array) -> tuple[int, int] | None:
 
 def _meets_later_sides(starts: Array, ends: Array, i: int) -> Mask:
     """Whether side i meets each later side elsewhere than in a vertex they share, (n - i - 1,)."""
-    # Segments ab and cd cross properly if each has its ends on different sides of the other one's line
-    n = len(starts)
-    j = np.arange(i + 1, len(starts))
-    a = starts[i]
-    b = ends[i]
-    c = starts[j]
-    d = ends[j]
+    later = np.arange(i + 1, len(starts))
+    meets = _segments_meet(starts[i], ends[i], starts[later], ends[later])
+    # Neighbours share a vertex, and meet elsewhere only if one folds back over the other
+    follows = later == i + 1
+    precedes = (i == 0) & (later == len(starts) - 1)
+    shared = np.where(follows[:, None], ends[i], starts[i])
+    along_i = np.where(follows[:, None], starts[i], ends[i]) - shared
+    along_later = np.where(follows[:, None], ends[later], starts[later]) - shared
+    folded = (cross(along_i, along_later) == 0) & (np.sum(along_i * along_later, axis=1) > 0)
+    return np.where(follows | precedes, folded, meets)
+
+
+def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> Mask:
+    """Whether the segment from a to b (2,) meets each of those from c to d (k, 2), (k,)."""
+    # They cross if each has its ends on different sides of the other one's line
     abc = cross(b - a, c - a)
     abd = cross(b - a, d - a)
     cda = cross(d - c, a - c)
     cdb = cross(d - c, b - c)
-    proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
-    # They touch if an end of one lies on the other: on its line and not beyond its ends
-    touching = np.zeros(len(j), dtype=bool)
+    meets = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
+    # They touch if an end r of one lies on the other, pq: on its line and not beyond its ends
     for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
-        touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
-    # Neighbours share a vertex, and meet elsewhere only if one folds back over the other
-    follows = j == i + 1
-    shared = np.where(follows[:, None], b, a)
-    other_i = np.where(follows[:, None], a, b)
-    other_j = np.where(follows[:, None], d, c)
-    folded = (cross(other_i - shared, other_j - shared) == 0) & (
-        np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
-    )
-    return np.where(follows | ((i == 0) & (j == n - 1)), folded, proper | touching)
+        meets |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
+    return meets

@@ -68,7 +68,7 @@ class Polygon:
 
     @cached_property
     def largest(self) -> float:
-        """The largest absolute value of a coordinate, on which the rounding of places depends."""
+        """The largest absolute value of a vertex's coordinate; the rounding of points grows with it."""
         return float(np.abs(self.vertices).max())
 
     @property
@@ -78,7 +78,7 @@ class Polygon:
 
     @cached_property
     def edges(self) -> Array:
-        """The vectors along the sides, from vertex i to vertex i + 1, (n, 2)."""
+        """The vectors from vertex i to vertex i + 1, one for each side, (n, 2)."""
         return make_read_only(np.roll(self.vertices, -1, axis=0) - self.vertices)
 
     @cached_property
@@ -93,7 +93,7 @@ class Polygon:
 
     @cached_property
     def stretch(self) -> Array:
-        """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,)."""
+        """Bounds on how far starts[i + 1] - starts[i] is from the length of side i, relative to it, (n,)."""
         # kappa of Proposition S7: the sums of lengths in `starts` are rounded as the perimeter is
         return make_read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
@@ -115,6 +115,7 @@ class Polygon:
     @cached_property
     def angles(self) -> Array:
         """Interior angles at the vertices, in radians, (n,)."""
+        # The turn from the side before a vertex to the one after it is pi minus the angle
         before = np.roll(self.tangents, 1, axis=0)
         turn = np.arctan2(cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
         return make_read_only(np.pi - turn)
@@ -155,11 +156,14 @@ class Polygon:
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
     def at(self, side: Index, t: Array) -> Array:
-        """The points of the sides (k,) at the arc lengths t (k,) from the sides' own starts, (k, 2)."""
+        """The points on the sides `side` (k,) at the distances t (k,) from the sides' first vertices, (k, 2).
+
+        Here t is a length; in `point` and `arc_length` its unit is the length of the side.
+        """
         return self.vertices[side] + t[:, None] * self.tangents[side]
 
     def counts(self, size: float) -> Index:
-        """The least numbers of equal pieces, no longer than `size`, into which the sides can be cut, (n,).
+        """For each side the least number of equal pieces that are no longer than `size`, (n,).
 
         A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
         """
@@ -175,7 +179,10 @@ class Polygon:
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
     def divided(self, counts: Index) -> Array:
-        """Arc lengths (sum(counts) + 1,) of the points that cut side i into counts[i] equal pieces."""
+        """Arc lengths of the points that cut each side i into counts[i] equal pieces, (sum(counts) + 1,).
+
+        They begin with 0, at vertex 0, include all vertices, and end with the perimeter.
+        """
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
@@ -210,6 +217,7 @@ def _read_named_vertices() -> dict[str, list[list[float]]]:
 
 
 def _check_vertices(vertices: Array, name: str) -> None:
+    """Raises InputError unless they are those of a simple polygon, anticlockwise and within the limits."""
     if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
         raise InputError(f"polygon '{name}' needs at least three vertices, each a pair x, y")
     if len(vertices) > MAX_VERTICES:
@@ -242,6 +250,7 @@ def _check_vertices(vertices: Array, name: str) -> None:
     crossing = first_crossing(vertices)
     if crossing is not None:
         raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
+    # Twice the area; of a simple polygon it has the sign of the order
     offsets = vertices - vertices[0]
     if np.sum(cross(offsets, np.roll(offsets, -1, axis=0))) <= 0:
         raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")

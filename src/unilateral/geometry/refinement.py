@@ -116,12 +116,10 @@ def refine_triangulation(
     halved = np.arange(E, dtype=np.int32) if marked is None else _edges_to_halve(triangulation, marked)
     k = len(halved)
     uniform = k == E
-    # The j-th halved edge has the midpoint n + j and the second half E + j; edges that stay have -1
+    # The j-th halved edge has the midpoint n + j, and its second half is edge E + j; others have -1 here
     midpoints = np.full(E, -1, dtype=np.int32)
     midpoints[halved] = n + np.arange(k, dtype=np.int32)
-    second_halves = np.full(E, -1, dtype=np.int32)
-    second_halves[halved] = E + np.arange(k, dtype=np.int32)
-    new = _cut_triangles(triangulation, midpoints, second_halves, E + k)
+    new = _cut_triangles(triangulation, midpoints, E + k)
     # A uniform step shares the arrays of all edges, and needs no numbers, which are known from the order
     rows = slice(None) if uniform else halved
     step = RefinementStep(
@@ -132,7 +130,7 @@ def refine_triangulation(
         len(triangulation.nodes),
         None if uniform else (new.triangles, new.parent, new.area_halvings),
     )
-    refined = _replace_triangles(triangulation, step, new, midpoints, second_halves)
+    refined = _replace_triangles(triangulation, step, new, midpoints)
     return refined, replace(step, refined_triangulation=refined) if uniform else step
 
 
@@ -189,49 +187,50 @@ class NewTriangles(NamedTuple):
     interior_edges: Int32
 
 
-def _cut_triangles(
-    triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
-) -> NewTriangles:
+def _cut_triangles(triangulation: Triangulation, midpoints: Int32, n_edges: int) -> NewTriangles:
     """The children of all triangles with a halved edge.
 
-    `midpoints` and `second_halves` (E,) are the new node and the second half of each edge, or -1. `n_edges`
-    counts halves, too, so that it is the number of the first edge inside a triangle.
+    `midpoints` (E,) are the new nodes of the edges, -1 for none. There are `n_edges` edges and halves of
+    edges; those inside triangles have the next numbers.
     """
-    beside = triangulation.edge_triangles[midpoints >= 0]
-    is_cut = np.zeros(len(triangulation.nodes), dtype=bool)
-    is_cut[beside[beside >= 0]] = True
-    parents = np.flatnonzero(is_cut).astype(np.int32)
-    # Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red; edge 0 always is
-    halved = midpoints[triangulation.edges[parents]] >= 0
-    kinds = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
-    n_interior = np.array([len(ends) for ends in INTERIOR_EDGES], dtype=np.int32)[kinds]
+    parents, kinds = _find_cut_triangles(triangulation, midpoints)
+    n_interior = np.array([*map(len, INTERIOR_EDGES)], dtype=np.int32)[kinds]
     first_interior = np.cumsum(n_interior, dtype=np.int32) - n_interior
-    # e edges inside a triangle make e + 1 children of it
-    new = _allocate_triangles(len(parents) + int(n_interior.sum()), int(n_interior.sum()))
-    row = 0
-    for kind, interior_ends in enumerate(INTERIOR_EDGES):
-        family = np.flatnonzero(kinds == kind)
-        inside = first_interior[family][:, None] + np.arange(len(interior_ends), dtype=np.int32)
-        nodes, halves = _local_numbering(triangulation, parents[family], midpoints, second_halves)
-        new.interior_edges[inside] = nodes[:, np.array(interior_ends)]
-        edges = np.concatenate([halves, n_edges + inside], axis=1)
-        row = _write_children(new, row, kind, parents[family], nodes, edges)
-    # Children without a number, all but the first of each parent, get the next free ones
-    added = np.flatnonzero(new.triangles < 0)
-    new.triangles[added] = np.arange(len(triangulation.nodes), len(triangulation.nodes) + len(added))
-    return new
-
-
-def _allocate_triangles(c: int, n_interior_edges: int) -> NewTriangles:
-    """Arrays without values for c new triangles; they are large, and so are filled and not joined."""
-    return NewTriangles(
+    # e edges inside a triangle make e + 1 children of it; the arrays are large, and so filled, not joined
+    e = int(n_interior.sum())
+    c = len(parents) + e
+    new = NewTriangles(
         np.empty(c, np.int32),
         np.empty((c, 3), np.int32),
         np.empty((c, 3), np.int32),
         np.empty(c, np.int32),
         np.empty(c, np.int16),
-        np.empty((n_interior_edges, 2), np.int32),
+        np.empty((e, 2), np.int32),
     )
+    row = 0
+    for kind, interior_ends in enumerate(INTERIOR_EDGES):
+        family = np.flatnonzero(kinds == kind)
+        inside = first_interior[family][:, None] + np.arange(len(interior_ends), dtype=np.int32)
+        nodes, halves = _local_numbering(triangulation, parents[family], midpoints)
+        new.interior_edges[inside] = nodes[:, np.array(interior_ends)]
+        edges = np.concatenate([halves, n_edges + inside], axis=1)
+        row = _write_children(new, row, kind, parents[family], nodes, edges)
+    # Children without a number, all but the first of each parent, get the next free ones
+    new.triangles[new.triangles < 0] = len(triangulation.nodes) + np.arange(e)
+    return new
+
+
+def _find_cut_triangles(triangulation: Triangulation, midpoints: Int32) -> tuple[Int32, Int16]:
+    """The triangles (p,) with a halved edge, and their kinds (p,).
+
+    Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red; edge 0 always is halved.
+    """
+    beside = triangulation.edge_triangles[midpoints >= 0]
+    is_cut = np.zeros(len(triangulation.nodes), dtype=bool)
+    is_cut[beside[beside >= 0]] = True
+    parents = np.flatnonzero(is_cut).astype(np.int32)
+    halved = midpoints[triangulation.edges[parents]] >= 0
+    return parents, (halved[:, 2] + 2 * halved[:, 1]).astype(np.int16)
 
 
 def _write_children(
@@ -253,15 +252,16 @@ def _write_children(
     return row
 
 
-def _local_numbering(
-    triangulation: Triangulation, parents: Int32, midpoints: Int32, second_halves: Int32
-) -> tuple[Int32, Int32]:
-    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES."""
+def _local_numbering(triangulation: Triangulation, parents: Int32, midpoints: Int32) -> tuple[Int32, Int32]:
+    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES.
+
+    Edges that are not halved have numbers of no meaning for midpoints and halves, which no child has.
+    """
     # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
     nodes = triangulation.nodes[parents]
     edges = triangulation.edges[parents]
     ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
-    second = second_halves[edges]
+    second = midpoints[edges] + (len(triangulation.ends) - triangulation.n_nodes)
     next_half = np.where(ahead, edges, second)
     last_half = np.where(ahead, second, edges)
     halves = np.stack([next_half, last_half], axis=2).reshape(-1, 6)
@@ -269,28 +269,27 @@ def _local_numbering(
 
 
 def _replace_triangles(
-    triangulation: Triangulation,
-    step: RefinementStep,
-    new: NewTriangles,
-    midpoints: Int32,
-    second_halves: Int32,
+    triangulation: Triangulation, step: RefinementStep, new: NewTriangles, midpoints: Int32
 ) -> Triangulation:
     """The triangulation with its edges halved and the new triangles in place of their parents."""
-    # A halved edge becomes its first half; second halves and the edges inside triangles come last
+    # A halved edge becomes its first half; second halves come next, and then the edges inside triangles
     halved = np.flatnonzero(midpoints >= 0)
     second_ends = np.column_stack([midpoints[halved], step.ends[:, 1]])
     ends = np.concatenate([triangulation.ends, second_ends, new.interior_edges])
     ends[halved, 1] = midpoints[halved]
-    # At its edges a new triangle enters on the side on which it runs: for its parent, or where nothing is
-    n_added = len(ends) - len(triangulation.ends)
-    edge_triangles = np.concatenate([triangulation.edge_triangles, np.full((n_added, 2), -1, dtype=np.int32)])
+    # An edge has the triangle in which it runs forward first: on an edge that stays, a child takes the
+    # place of its parent
+    E = len(triangulation.ends)
+    edge_triangles = np.full((len(ends), 2), -1, dtype=np.int32)
+    edge_triangles[:E] = triangulation.edge_triangles
     edge_triangles[halved] = -1
     reverse = ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
     edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
     # Boundary edges run with the boundary, so that the first half comes before the second
     boundary = triangulation.boundary_edges
     halved = np.flatnonzero(midpoints[boundary] >= 0)
-    boundary = np.insert(boundary, halved + 1, second_halves[boundary[halved]])
+    second_halves = midpoints[boundary[halved]] + (E - triangulation.n_nodes)
+    boundary = np.insert(boundary, halved + 1, second_halves)
     return Triangulation(
         triangulation.n_nodes + len(step.ends),
         step.replace_values(triangulation.nodes, new.nodes),

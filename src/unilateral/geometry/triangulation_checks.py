@@ -71,6 +71,7 @@ def check_distinct_nodes(diameter: float, points: Array, where: str) -> None:
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
     near = MIN_DISTANCE_PER_DIAMETER * (diameter or 1.0)  # it is 0 where all nodes coincide
+    # the two nearest nodes of each node, itself among them, in any order where they coincide
     distance, nearest = tree.query(points, k=2, distance_upper_bound=near)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))
     if twice.size:
@@ -120,6 +121,7 @@ def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
     """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,)."""
     lowest = np.full(len(points), np.inf)
     lowest[np.delete(np.arange(len(points)), edges)] = 0.0
+    # the triangles with a node on the boundary
     selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
     # A triangle's least height is twice its area over its longest edge
     heights = 2 * np.abs(signed_areas(points, selected)) / longest_edges(points, selected)
@@ -133,7 +135,7 @@ def allowed_distances(
     """How far each node of the boundary edges may lie beside its side, round-off for other nodes, (n,).
 
     The `heights` are the `min_heights`. If coordinates `may_be_rounded`, nodes and the side's ends are each
-    as far from their true places as `max_point_error` says.
+    as far from their true places as `max_point_error` says, so that twice that counts.
     """
     allowed = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
     if not may_be_rounded:
@@ -143,38 +145,50 @@ def allowed_distances(
     )
 
 
+def check_vertices_are_nodes(polygon: Polygon, points: Array, nodes: Index, reach: Array, where: str) -> None:
+    """Raises InputError unless one of the boundary's nodes (nb,) lies at each vertex, or within its reach."""
+    places = points[nodes]
+    nearest = np.array([np.argmin(np.hypot(*(places - vertex).T)) for vertex in polygon.vertices])
+    distance = np.hypot(*(places[nearest] - polygon.vertices).T)
+    missing = np.flatnonzero(distance > reach[nodes[nearest]])
+    if missing.size:
+        raise InputError(
+            f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
+            f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
+        )
+
+
 def assign_sides(
-    polygon: Polygon, points: Array, edges: Index, allowed_distances: Array, heights: Array, where: str
+    polygon: Polygon, points: Array, edges: Index, reach: Array, heights: Array, where: str
 ) -> Index:
     """The side along which each boundary edge runs, (nb,); InputError if one runs along none.
 
-    The nodes may lie beside it by their `allowed_distances` (n,).
+    The nodes may lie beside it by their `reach` (n,), the `allowed_distances`.
     """
     ends = np.roll(polygon.vertices, -1, axis=0)
-    # Distances of both ends from all sides, in units of what is allowed; a side runs with its edges
+    # Distances (2, nb, n) of both ends of an edge from all sides, in units of reach
     excess = np.stack(
-        [
-            segment_distances(points[k], polygon.vertices, ends) / allowed_distances[k][:, None]
-            for k in edges.T
-        ]
+        [segment_distances(points[k], polygon.vertices, ends) / reach[k][:, None] for k in edges.T]
     )
+    # Both run anticlockwise: a side that an edge runs against, or across, is not its own
     excess[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
     side = excess.max(axis=0).argmin(axis=1)
     side_excess = excess[:, np.arange(len(edges)), side]
     stray = np.flatnonzero(side_excess.max(axis=0) > 1)
     if stray.size:
-        a, b = edges[stray].T
-        worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
-        (a, b) = edges[worst]
+        # The longest such edge is told of, or its farther end if that is near the side: STRAY_PER_HEIGHT
+        # takes the place of MAX_MOVE_PER_HEIGHT in `allowed_distances`
+        along = points[edges[stray, 1]] - points[edges[stray, 0]]
+        worst = stray[np.hypot(*along.T).argmax()]
         end = int(side_excess[:, worst].argmax())
         beside = edges[worst, end]
-        if side_excess[end, worst] * allowed_distances[beside] < STRAY_PER_HEIGHT * (
+        if side_excess[end, worst] * reach[beside] < STRAY_PER_HEIGHT * (
             heights[beside] + round_off(polygon) / MAX_MOVE_PER_HEIGHT
         ):
-            raise _stray_node_error(polygon, points, beside, side[worst], allowed_distances, where)
+            raise _stray_node_error(polygon, points, beside, side[worst], reach, where)
         raise InputError(
-            f"{where}: the boundary edge from node {describe_node(points, a)} to node "
-            f"{describe_node(points, b)} does not run anticlockwise along one side of polygon "
+            f"{where}: the boundary edge from node {describe_node(points, edges[worst, 0])} to node "
+            f"{describe_node(points, edges[worst, 1])} does not run anticlockwise along one side of polygon "
             f"'{polygon.name}'; move its nodes there, close a gap beside it, or split its triangle at a "
             "node that hangs on it"
         )
@@ -182,12 +196,13 @@ def assign_sides(
 
 
 def snap_to_sides(
-    polygon: Polygon, points: Array, nodes: Index, side: Index, allowed_distances: Array, where: str
+    polygon: Polygon, points: Array, nodes: Index, side: Index, reach: Array, where: str
 ) -> Array:
     """The points, with the boundary nodes moved onto the sides of the edges they begin, (n, 2).
 
     A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
-    there up to round-off stay. Raises InputError for nodes farther away than their `allowed_distances` (n,).
+    there up to round-off stay. Raises InputError for nodes farther away than their `reach` (n,). `nodes` and
+    `side` (nb,) are in the order along the boundary.
     """
     # -((x - a).n) n takes a node to its side from a with the normal n; a side's first node goes to a
     from_vertex = points[nodes] - polygon.vertices[side]
@@ -195,23 +210,24 @@ def snap_to_sides(
     shift = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
     shift = np.where((side != np.roll(side, 1))[:, None], -from_vertex, shift)
     away = np.hypot(*shift.T)
-    snapped = points.copy()
-    far = np.flatnonzero(away > allowed_distances[nodes])
+    far = np.flatnonzero(away > reach[nodes])
     if far.size:
-        raise _stray_node_error(polygon, points, nodes[far[0]], side[far[0]], allowed_distances, where)
+        raise _stray_node_error(polygon, points, nodes[far[0]], side[far[0]], reach, where)
     beyond = away > round_off(polygon)
+    snapped = points.copy()
     snapped[nodes[beyond]] += shift[beyond]
     return snapped
 
 
 def _stray_node_error(
-    polygon: Polygon, points: Array, node: int, side: int, allowed_distances: Array, where: str
+    polygon: Polygon, points: Array, node: int, side: int, reach: Array, where: str
 ) -> InputError:
+    """The InputError that a node lies farther beside its side than its `reach` (n,)."""
     start = polygon.vertices[side]
     end = polygon.vertices[(side + 1) % polygon.n_sides]
     away = float(segment_distances(points[[node]], start[None], end[None])[0, 0])
     return InputError(
         f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of "
-        f"polygon '{polygon.name}', and up to {allowed_distances[node]:.2g} would be corrected; move it onto "
+        f"polygon '{polygon.name}', and up to {reach[node]:.2g} would be corrected; move it onto "
         "the side, give the polygon that the mesh has, or read the mesh with polygon= this polygon"
     )
