@@ -54,9 +54,8 @@ def log2_magnitude(e: Expression) -> int:
     """log2 |e| as a whole number, up to an error of 1, for a number e that is not 0; raises as `as_float`."""
     if e.rational is not None:
         return e.rational.numerator.bit_length() - e.rational.denominator.bit_length()
-    return int(
-        math.log2(math.e) * float(_interval_context(INTERVAL_BITS[0]).log(abs(_high_precision_value(e))).mid)
-    )
+    natural_log = _interval_context(INTERVAL_BITS[0]).log(abs(_high_precision_value(e)))
+    return int(math.log2(math.e) * float(natural_log.mid))
 
 
 @lru_cache(maxsize=1024)
@@ -123,6 +122,7 @@ def apply_function(name: str, *args: Expression) -> Expression:
     Raises as `sign` where it needs the sign of a number.
     """
     a = args[0]
+    # pos(a, k) = a_+^k of a number; the grammar refuses a k that is not rational
     if name == "pos" and not a.variables:
         k = args[1].rational
         return a**k if k is not None and sign(a) > 0 else ZERO
@@ -132,7 +132,7 @@ def apply_function(name: str, *args: Expression) -> Expression:
         return ZERO
     turns = (a / PI).rational
     if name in ("sin", "cos") and turns is not None:
-        # sin(n pi / 12), and cos(a) = sin(a + pi / 2); below 0 for n in (12, 24)
+        # sin(n pi / 12), below 0 for n in (12, 24), and |sin| has the period 12; cos(a) = sin(a + pi / 2)
         n = 12 * turns + (6 if name == "cos" else 0)
         if min(n % 12, -n % 12) in SINE_SQUARES:
             root = rational_expression(SINE_SQUARES[min(n % 12, -n % 12)]) ** Fraction(1, 2)

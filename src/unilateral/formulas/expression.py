@@ -147,15 +147,16 @@ class Expression(FormulaNode):
     def __pow__(self, k: Number) -> Expression:
         """Raises ArithmeticError for a negative power of 0, and for a root of a negative rational number."""
         c, powers = self.factors
+        powers_to_k = [(base, e * k) for base, e in powers]
         if Fraction(k).denominator == 1:
-            return multiply_powers(c ** int(k), [(base, e * k) for base, e in powers])
-        # A root of c times powers is the root of c, by its prime factors, times theirs, if no sign is lost
+            return multiply_powers(c ** int(k), powers_to_k)
         if not powers and (c < 0 or c == 0 > k):
             raise ArithmeticError("no real number")
+        # A root of c times powers is the root of c, by its prime factors, times theirs, if no sign is lost:
+        # none is of a single base b, for c b >= 0 where the root is real
         if c > 0 and ([e for _, e in powers] == [1] or all(_is_exact_root(e, e * k) for _, e in powers)):
-            return multiply_powers(
-                1, [*_root_factors(c, Fraction(k)), *((base, e * k) for base, e in powers)]
-            )
+            return multiply_powers(1, [*_root_factors(c, Fraction(k)), *powers_to_k])
+        # Else the power of the sum or product as a whole; 0 stays 0
         return multiply_powers(1, [(self, Fraction(k))]) if c else self
 
 
@@ -231,8 +232,8 @@ def multiply_powers(c: Number, powers: Iterable[Power]) -> Expression:
         if isinstance(base, Expression) and len(base.terms) == 1:
             times, inner = base.factors
             if not inner:
-                c = c * times ** (k // 1)
-                k = k % 1
+                c *= times ** (k // 1)
+                k %= 1
             elif k.denominator == 1:
                 c *= times ** int(k)
                 waiting += [(factor, e * k) for factor, e in inner]
@@ -276,22 +277,18 @@ def _direct_subexpressions(subexpression: Subexpression) -> list[Subexpression]:
 
 def find_functions(e: Expression, name: str) -> list[Primitive]:
     """The functions of that name in an expression."""
-    bases = (
-        subexpression[0]
-        for subexpression in count_subexpressions((e,))
-        if not isinstance(subexpression, Expression)
-    )
-    return list(dict.fromkeys(base for base in bases if isinstance(base, Primitive) and base.name == name))
+    bases = dict.fromkeys(base for base, _ in _list_powers(e))
+    return [base for base in bases if isinstance(base, Primitive) and base.name == name]
 
 
 def find_fractional_powers(e: Expression) -> list[Power]:
     """The powers with variables whose exponents are no whole numbers."""
-    powers = (
-        subexpression
-        for subexpression in count_subexpressions((e,))
-        if not isinstance(subexpression, Expression)
-    )
-    return [(base, k) for base, k in powers if k.denominator > 1 and base.variables]
+    return [(base, k) for base, k in _list_powers(e) if k.denominator > 1 and base.variables]
+
+
+def _list_powers(e: Expression) -> list[Power]:
+    """All powers of which an expression is made, outer ones first."""
+    return [part for part in count_subexpressions((e,)) if not isinstance(part, Expression)]
 
 
 def has_log(e: Expression) -> bool:
@@ -301,17 +298,16 @@ def has_log(e: Expression) -> bool:
 
 def hides_kink(e: Expression, k: Fraction) -> bool:
     """Whether e^k is the power of an absolute value, such as (x^2)^(1/2)."""
-    # Even powers of which the root is odd, as in (x^2)^(1/2) = |x|
-    exponents = [power * k for _, power in e.factors[1] if power % 2 == 0]
-    return (
-        bool(e.variables)
-        and len(exponents) == len(e.factors[1])
-        and not all(exponent % 2 == 0 for exponent in exponents)
-    )
+    # Even powers hide the signs of their bases, as in (x^2)^(1/2) = |x|, unless those of e^k are even, too
+    exponents = [exponent for _, exponent in e.factors[1]]
+    if not e.variables or any(exponent % 2 for exponent in exponents):
+        return False
+    return any(exponent * k % 2 for exponent in exponents)
 
 
 def _is_exact_root(e: Fraction, result: Fraction) -> bool:
     """Whether a root of a base to the power e is the base to the power `result`."""
+    # The base is >= 0 if e is a fraction; else its sign must count in neither of the two
     return e.denominator > 1 or (e % 2 == 0 and result % 2 == 0)
 
 

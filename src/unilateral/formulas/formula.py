@@ -26,9 +26,9 @@ from unilateral.formulas.expression import (
     find_functions,
     multiply_powers,
     primitive_expression,
+    rational_expression,
     sum_terms,
 )
-from unilateral.formulas.expression import rational_expression as exact
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import positive_power
 from unilateral.formulas.roots import real_roots
@@ -40,16 +40,14 @@ def parse_formula(
     """The formula in the given variables; `where` names its place in errors.
 
     Hints in messages use no power of pos below `least_power`, which the place allows; None is for no pos.
-
     Raises InputError for anything outside the grammar, and for expressions that are not finite.
     """
     source = str(text).strip()
     try:
         with warnings.catch_warnings(action="ignore"):  # of Python's parser
             tree = grammar.parse_syntax_tree(source, where)
-        parsed: grammar.ParsedFormula = grammar.FormulaReader(source, variables, where, least_power).visit(
-            tree
-        )
+        reader = grammar.FormulaReader(source, variables, where, least_power)
+        parsed: grammar.ParsedFormula = reader.visit(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
         hint = grammar.syntax_hint(source, variables, least_power)
@@ -63,9 +61,8 @@ def substitute(formula: Expression, values: Mapping[str, Expression], where: str
     Raises InputError if the result is not known to be a finite real function.
     """
     try:
-        result = _Substitution(
-            (formula,), {Primitive(name): value for name, value in values.items()}
-        ).evaluate(formula)
+        known_values = {Primitive(name): value for name, value in values.items()}
+        result = _Substitution((formula,), known_values).evaluate(formula)
         finite = grammar.is_finite_and_real(result)
     except ArithmeticError:
         finite = False
@@ -81,7 +78,7 @@ class FormulaEvaluation(Evaluation[Expression]):
 
     def number(self, value: Fraction) -> Expression:
         """The expression of a rational number."""
-        return exact(value)
+        return rational_expression(value)
 
     def power(self, base: Expression, k: Fraction) -> Expression:
         """The expression of a power."""
@@ -89,11 +86,9 @@ class FormulaEvaluation(Evaluation[Expression]):
 
     def function(self, primitive: Primitive) -> Expression:
         """The function of the evaluated arguments; a variable without a value as it is."""
-        return (
-            apply_function(primitive.name, *map(self.evaluate, primitive.args))
-            if primitive.args
-            else primitive_expression(primitive)
-        )
+        if not primitive.args:
+            return primitive_expression(primitive)
+        return apply_function(primitive.name, *map(self.evaluate, primitive.args))
 
 
 class _Substitution(FormulaEvaluation):
@@ -150,9 +145,8 @@ class CompiledFormulas:
         arguments = {Primitive(name): a for name, a in zip(self.variables, values, strict=True)}
         shape = np.broadcast_shapes(*(a.shape for a in arguments.values()))
         evaluation = _ArrayEvaluation(self.formulas, arguments)
-        return [
-            np.broadcast_to(np.asarray(evaluation.evaluate(e), dtype=float), shape) for e in self.formulas
-        ]
+        results = [np.asarray(evaluation.evaluate(e), dtype=float) for e in self.formulas]
+        return [np.broadcast_to(result, shape) for result in results]
 
 
 def compile_numpy(formulas: Sequence[Expression], variables: Sequence[str]) -> CompiledFormulas:
@@ -176,11 +170,9 @@ class _ArrayEvaluation(Evaluation[Array]):
     def function(self, primitive: Primitive) -> Array:
         """The values of a function of an array."""
         a = self.evaluate(primitive.args[0])
-        return (
-            positive_power(a, as_float_or_inf(primitive.args[1]))
-            if primitive.name == "pos"
-            else getattr(np, primitive.name)(a)
-        )
+        if primitive.name == "pos":
+            return positive_power(a, as_float_or_inf(primitive.args[1]))
+        return getattr(np, primitive.name)(a)
 
 
 @lru_cache(maxsize=1024)
@@ -212,6 +204,7 @@ def polynomial_coefficients(
 
     Raises ValueError where one cannot be distinguished from 0.
     """
+    # The same monomial may have several terms, such as pi x and 2 x, whose coefficients are added
     sums: dict[tuple[int, ...], Expression] = {}
     for powers, c in _Expansion((formula,), {}).evaluate(formula).terms:
         exponents = {
@@ -233,8 +226,8 @@ def polynomial_coefficients(
 def _polynomial_roots(coefficients: Sequence[Expression]) -> list[float]:
     """The real roots of a polynomial, its coefficient of the highest power first.
 
-    Irrational coefficients are rounded for degree 2. A root that is too large is infinite: it is so far away
-    from the side that it does not count.
+    Irrational coefficients are rounded for degree 2, and `find_kinks` refuses them for any higher one. A root
+    that is too large is infinite: it is so far away from the side that it does not count.
     """
     if len(coefficients) == 1:
         return []

@@ -49,8 +49,7 @@ class Evaluation(ABC, Generic[V]):
     def constant(self, e: Expression) -> V:
         """The value of an expression without variables."""
         terms = (
-            reduce(self.product, (self._evaluate_power(power) for power in powers), self.number(c))
-            for powers, c in e.terms
+            reduce(self.product, map(self._evaluate_power, powers), self.number(c)) for powers, c in e.terms
         )
         return reduce(add, terms, self.number(Fraction(0)))
 
@@ -65,7 +64,7 @@ class Evaluation(ABC, Generic[V]):
         return reduce(add, [*terms, self.evaluate(fixed)] if fixed.terms else terms)
 
     def _evaluate_term(self, times: Expression, powers: Sequence[Power]) -> V:
-        value = reduce(self.product, (self._evaluate_power(power) for power in powers))
+        value = reduce(self.product, map(self._evaluate_power, powers))
         return value if times.rational == 1 else self.times(value, times)
 
     def _evaluate_power(self, power: Power) -> V:

@@ -147,15 +147,18 @@ class FormulaReader(ast.NodeVisitor):
     def check_value(
         self, node: ast.AST, value: Callable[[], Expression], degree: float = 0.0, functions: int = 0
     ) -> ParsedFormula:
-        """The value of a node; its size is bounded here, so that the next operation ends soon."""
+        """The part of a formula that a node is, whose `degree` and nested `functions` the caller knows.
+
+        `value` computes it here, so that its errors are told of the node. The size of its numbers is bounded,
+        so that the next operation ends soon.
+        """
         try:
             result = value()
-            if any(
-                max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS
-                for n in _coefficients_and_exponents(result)
-            ):
+            numbers = [*(c for _, c in result.terms), *(k for powers, _ in result.terms for _, k in powers)]
+            if any(max(map(int.bit_length, n.as_integer_ratio())) > MAX_BITS for n in numbers):
                 raise self.refuse(node, "has a number that is too large or too small")
             finite = is_finite_and_real(result)
+            # a number may be 0 without being written so
             if not result.variables and finite and sign(result) == 0:
                 result = ZERO
         except ArithmeticError:
@@ -191,11 +194,8 @@ class FormulaReader(ast.NodeVisitor):
         """The hint to leave out the module before a name such as np.sin."""
         if not isinstance(node, ast.Attribute) or self.text(node.value) not in MODULE_PREFIXES:
             return ""
-        return (
-            substitution_hint(node.attr, self.text(node))
-            if node.attr in (*self.names, *FUNCTION_ARITIES)
-            else ""
-        )
+        is_known = node.attr in (*self.names, *FUNCTION_ARITIES)
+        return substitution_hint(node.attr, self.text(node)) if is_known else ""
 
     def visit_Tuple(self, node: ast.Tuple) -> ParsedFormula:
         """Raises InputError for a comma, with the hint to write a point."""
@@ -288,11 +288,11 @@ class FormulaReader(ast.NodeVisitor):
             factors = quote_input(f"{name}*{self.text(node).removeprefix(name).strip()}")
             return self.refuse(node, f"is not a product; write {factors}")
         least_power, instead = FUNCTION_SUBSTITUTES.get(name, (NO_POWER, ""))
-        lower = name.lower()
+        # what is written with a power of pos that the place does not allow cannot be offered there
         if least_power != NO_POWER and (self.least_power is None or least_power < self.least_power):
-            return self.refuse(
-                node, f"is not a known function{positive_part_hint(self.names, self.least_power)}"
-            )
+            hint = positive_part_hint(self.names, self.least_power)
+            return self.refuse(node, f"is not a known function{hint}")
+        lower = name.lower()
         if not instead and lower in FUNCTION_ARITIES and not node.keywords:
             instead = f"{lower} for {name}"
         hint = f"; write {instead}" if instead else self.module_hint(node.func)
@@ -334,11 +334,6 @@ def is_finite_and_real(value: Expression) -> bool:
         return False
 
 
-def _coefficients_and_exponents(e: Expression) -> Iterable[Fraction]:
-    """The coefficients and exponents of its terms."""
-    return [*(c for _, c in e.terms), *(k for powers, _ in e.terms for _, k in powers)]
-
-
 def condition_hint(names: Iterable[str], least_power: int | None) -> str:
     """The hint that there are no conditions, and what to write instead, after a semicolon."""
     return f"; {NO_CONDITION}{positive_part_hint(names, least_power)}"
@@ -363,11 +358,8 @@ def name_hint(name: str, allowed: Iterable[str]) -> str:
     if name in ("e", "E"):
         return substitution_hint("exp(1)", name)
     instead = LETTER_SUBSTITUTES.get(name, name.lower())
-    return (
-        substitution_hint(instead, name)
-        if instead in (*allowed, *FUNCTION_ARITIES) and instead != name
-        else ""
-    )
+    is_known = instead in (*allowed, *FUNCTION_ARITIES)
+    return substitution_hint(instead, name) if is_known and instead != name else ""
 
 
 def substitution_hint(replacement: str, original: str) -> str:

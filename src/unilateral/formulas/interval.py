@@ -22,10 +22,8 @@ POWER_ERROR_PER_FACTOR = 2.0**-50
 EXPONENT_ERROR = 2.0**-51
 """The relative rounding error of a fractional exponent, and of the logarithm."""
 EXTREMUM_TOLERANCE = 1e-12
-"""An extremum of sin or cos counts as inside an interval if it is at most this far outside.
-
-The unit is 1 plus the absolute values of the interval's ends.
-"""
+"""An extremum of sin or cos counts as inside an interval if it is at most this far outside. The unit is 1
+plus the absolute values of the interval's ends."""
 QUIET = np.errstate(all="ignore")
 """NumPy's warnings are not needed: what overflows, or is NaN then, becomes an infinite bound."""
 
@@ -84,14 +82,12 @@ def positive_part_power(base: IntervalArrays, k: float) -> IntervalArrays:
         low, high = integer_power(positive_part_power(base, -k), -1)
         return np.where(base[0] > 0, np.maximum(low, 0.0), 0.0), np.where(base[1] > 0, high, 0.0)
     low, high = round_outward(*(positive_power(end, k) for end in base))
-    spare = [np.full_like(end, POWER_ERROR_PER_FACTOR * k) for end in base]
+    errors = [np.full_like(end, POWER_ERROR_PER_FACTOR * k) for end in base]
     if k != int(k):  # its rounding counts log of the base times
-        spare = [
-            x + EXPONENT_ERROR * k * np.abs(np.log(np.where(end > 0, end, 1.0)))
-            for x, end in zip(spare, base, strict=True)
-        ]
-    low = low * (1 - spare[0])
-    high = high * (1 + spare[1])
+        logs = [np.abs(np.log(np.where(end > 0, end, 1.0))) for end in base]
+        errors = [error + EXPONENT_ERROR * k * log for error, log in zip(errors, logs, strict=True)]
+    low = low * (1 - errors[0])
+    high = high * (1 + errors[1])
     return np.maximum(low, 0.0), np.where(base[1] > 0, high, 0.0)
 
 

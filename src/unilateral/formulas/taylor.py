@@ -103,16 +103,14 @@ class TaylorModel:
         sizes = np.abs(self.c).sum(axis=0)
         number_error = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
         rad = (1 + EPS) * abs(number) * self.rad + number_error * (sizes + self.rad)
-        values = interval.multiply_intervals(
-            self.range, interval.round_outward(np.array([number]), np.array([number]))
-        )
+        factor = np.array([number])
+        values = interval.multiply_intervals(self.range, interval.round_outward(factor, factor))
         return tighten_model(self.basis, number * self.c, rad, values)
 
     def select_boxes(self, boxes: Index | Mask) -> TaylorModel:
         """The model on some of the boxes, by a mask or an index."""
-        return TaylorModel(
-            self.basis, self.c[:, boxes], self.rad[boxes], (self.range[0][boxes], self.range[1][boxes])
-        )
+        lower, upper = self.range
+        return TaylorModel(self.basis, self.c[:, boxes], self.rad[boxes], (lower[boxes], upper[boxes]))
 
 
 @QUIET
@@ -126,12 +124,8 @@ def affine_model(
     c = np.zeros((len(basis.degrees), len(centre)))
     c[0] = centre
     c[basis.degree_starts[1] : basis.degree_starts[2]] = half_widths[::-1]  # of degree 1: (0, 1), (1, 0)
-    return tighten_model(
-        basis,
-        c,
-        4 * EPS * np.abs(c).sum(axis=0) + rounding + UNDERFLOW_ALLOWANCE,
-        interval.round_outward(*ends),
-    )
+    rad = 4 * EPS * np.abs(c).sum(axis=0) + rounding + UNDERFLOW_ALLOWANCE
+    return tighten_model(basis, c, rad, interval.round_outward(*ends))
 
 
 def range_model(basis: MonomialBasis, values: IntervalArrays) -> TaylorModel:
@@ -162,7 +156,7 @@ def join_models(pieces: Sequence[tuple[TaylorModel, Index]]) -> TaylorModel:
 def apply_on_subsets(
     pieces: Sequence[tuple[Callable[..., TaylorModel], Mask]], *arguments: TaylorModel
 ) -> TaylorModel:
-    """Functions of models, each on its part of the boxes, and 0 on the rest."""
+    """Functions of models, each on its part of the boxes, and 0 on the rest; the parts are disjoint."""
     done = []
     outside = np.ones(len(arguments[0].rad), dtype=bool)
     for function, where in pieces:
@@ -170,9 +164,8 @@ def apply_on_subsets(
         if where.all():
             return function(*arguments)
         if where.any():
-            done.append(
-                (function(*(argument.select_boxes(where) for argument in arguments)), np.flatnonzero(where))
-            )
+            selected = [argument.select_boxes(where) for argument in arguments]
+            done.append((function(*selected), np.flatnonzero(where)))
     zero = number_model(arguments[0].select_boxes(outside), 0.0)
     return join_models([*done, (zero, np.flatnonzero(outside))])
 

@@ -32,10 +32,7 @@ IntervalFunction = Callable[[IntervalArrays], IntervalArrays]
 StepValues = Mapping[Primitive, Array]
 
 TANH_COEFFICIENT_ERROR = 1024 * EPS
-"""The error of a Taylor coefficient of tanh.
-
-Every step of the recursion at most doubles the error before it.
-"""
+"""The error of a Taylor coefficient of tanh: every step of the recursion at most doubles it."""
 MAX_TANH_ON_CIRCLE = 1.5575
 """The largest |tanh| up to a distance of 1 from the real axis, tan 1 = 1.55740.., rounded up."""
 POWER_ERROR = 1e-10
@@ -68,12 +65,11 @@ def _make_entire_function(
         factorials = _factorials(n)
         derivatives = cycle(centre)
         coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / factorials[:-1]
+        image = interval_function(a.range)
         # compose_model rounds up what it multiplies the bound by, so a quotient may be rounded to nearest
         if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
-            return compose_model(
-                a, coefficients, 1 / factorials[-1], interval_function(a.range), error=4 * EPS
-            )
-        return compose_model(a, coefficients, bound(values)[1] / factorials[-1], interval_function(a.range))
+            return compose_model(a, coefficients, 1 / factorials[-1], image, error=4 * EPS)
+        return compose_model(a, coefficients, bound(values)[1] / factorials[-1], image)
 
     return evaluate
 
@@ -86,9 +82,9 @@ def tanh_model(a: TaylorModel) -> TaylorModel:
     y[0] = np.tanh(centre)
     for k in range(n):
         y[k + 1] = ((k == 0) - np.sum(y[: k + 1] * y[k::-1], axis=0)) / (k + 1)
-    return compose_model(
-        a, y, MAX_TANH_ON_CIRCLE + 0 * centre, interval.tanh(a.range), TANH_COEFFICIENT_ERROR
-    )
+    # Cauchy: |tanh^(n + 1)| / (n + 1)! <= max |tanh| on the circle / radius^(n + 1), about any real point
+    next_bound = MAX_TANH_ON_CIRCLE + 0 * centre
+    return compose_model(a, y, next_bound, interval.tanh(a.range), TANH_COEFFICIENT_ERROR)
 
 
 def _binomial_coefficients(exponent: float, n: int) -> Array:
@@ -174,7 +170,8 @@ def polar_power_model(x: TaylorModel, y: TaylorModel, beta: float, phase: float,
     larger than the box. From its term n + 1 on, each next term is at most `ratio` times as large.
     """
     n = x.basis.order
-    turn = np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
+    # Turned by -omega / 2, angles are at most omega / 2 in size, and the cut of numpy's power is outside
+    turn = np.exp(-0.5j * omega)
     z = (x.c + 1j * y.c) * turn
     sizes = np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
@@ -184,6 +181,7 @@ def polar_power_model(x: TaylorModel, y: TaylorModel, beta: float, phase: float,
     binomials = _binomial_coefficients(beta, n)
     exponents = beta - np.arange(n + 1)[:, None]
     coefficients = binomials[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
+    # The rounding of an exponent e counts log z_0 times in z_0^e, and |log z_0| <= |log |z_0|| + pi
     error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(modulus))))
     # The terms from n + 1 on: |(beta over n + 1)| |z_0|^(beta - n - 1) reach^(n + 1) / (1 - ratio) at most
     ratio = (1 + POWER_ERROR) * max(1.0, (beta - n - 1) / (n + 2)) * reach / modulus

@@ -20,10 +20,8 @@ from unilateral.geometry.mesh import MAX_ROUNDING_PER_H, Mesh, find_halved_edges
 from unilateral.geometry.partition import Partition
 
 FIRST_EDGE_LENGTH = 2**44
-"""The length of an edge of the first mesh; 2^19 such edges reach the limit of 64-bit integers.
-
-Rounding ends the halving of an edge before its length is 1.
-"""
+"""The length of an edge of the first mesh; 2^19 such edges reach the limit of 64-bit integers. Rounding ends
+the halving of an edge before its length is 1."""
 MAX_CELL_EDGE_RATIO = 4
 """A cell may be at most this many times as long as its shortest edge."""
 BULK_SHARE = 0.5
@@ -67,9 +65,8 @@ class AdaptedMesh:
         np.minimum.at(shortest, self.cell, length)
         # No edge is over half its cell. If the shortest is too short, those of half the cell are too long
         is_half = 2 * length >= cell_length[self.cell]
-        return self.mesh.boundary_triangles[
-            is_half & (cell_length > MAX_CELL_EDGE_RATIO * shortest)[self.cell]
-        ]
+        is_uneven = cell_length > MAX_CELL_EDGE_RATIO * shortest
+        return self.mesh.boundary_triangles[is_half & is_uneven[self.cell]]
 
 
 def start_adapted_mesh(mesh: Mesh) -> AdaptedMesh:

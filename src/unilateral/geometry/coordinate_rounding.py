@@ -23,14 +23,7 @@ COORDINATE_ERROR_ULPS = 4
 def significant_digits(values: ArrayLike) -> int:
     """The number of significant digits with which all `values` can be written exactly, 0 for zeros alone.
 
-    Parameters
-    ----------
-    values : array_like of float, of any shape
-
-    Returns
-    -------
-    int
-        At most 17. Of numbers that were rounded to d digits it is d, unless all of them end in zeros.
+    It is at most 17. Of numbers that were rounded to d digits it is d, unless all of them end in zeros.
 
     >>> significant_digits([0.25, 1.125, 0, 300]), significant_digits(1 / 3)
     (4, 16)
@@ -41,21 +34,12 @@ def significant_digits(values: ArrayLike) -> int:
 
 
 def rounding_units(values: ArrayLike) -> Array:
-    """The unit of the last digit to which numbers were rounded, 0 where they have all digits of a double.
+    """The unit of the last digit to which each number was rounded, 0 where they have all digits of a double.
 
-    They may have been rounded to a number of decimals, of significant digits, or to single precision. Where
-    several of these explain the numbers, the largest unit counts. A difference or a multiple of rounded
-    numbers is a decimal up to round-off, and counts as one.
-
-    Parameters
-    ----------
-    values : array_like of float, of any shape
-        Numbers that were written together, such as the coordinates of a mesh.
-
-    Returns
-    -------
-    ndarray of float, of the same shape
-        A number differs from the one that was rounded by at most half its unit.
+    The numbers were written together, such as the coordinates of a mesh, and each differs from the one that
+    was rounded by at most half its unit. They may have been rounded to a number of decimals, of significant
+    digits, or to single precision. Where several of these explain the numbers, the largest unit counts. A
+    difference or a multiple of rounded numbers is a decimal up to round-off, and counts as one.
 
     >>> rounding_units([0.1234, 0.5, 1.25]).tolist(), rounding_units([1 / 3, 0.5]).tolist()
     ([0.0001, 0.0001, 0.001], [0.0, 0.0])
@@ -74,9 +58,9 @@ def has_typed_digits(values: ArrayLike) -> bool:
 
 def arithmetic_error(points: Array) -> float:
     """How far round-off in another program may have moved the places (n, 2) of a mesh."""
-    return COORDINATE_ERROR_ULPS * float(np.spacing(np.abs(points).max())) + NODE_ERROR_PER_DIAMETER * float(
-        np.hypot(*np.ptp(points, axis=0))
-    )
+    diameter = float(np.hypot(*np.ptp(points, axis=0)))
+    ulp = float(np.spacing(np.abs(points).max()))
+    return COORDINATE_ERROR_ULPS * ulp + NODE_ERROR_PER_DIAMETER * diameter
 
 
 def rounding_errors_of_points(points: Array) -> Array:

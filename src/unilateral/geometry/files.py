@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,7 @@ COMMA_FREE_SUFFIXES = (".avs", ".mesh", ".msh", ".off", ".su2", ".vol", ".vtk")
 
 def write_mesh(
     mesh: Mesh,
-    path: str | os.PathLike[str],
+    path: str | PathLike[str],
     edge_data: Mapping[str, np.ndarray] | None = None,
     node_data: Mapping[str, np.ndarray] | None = None,
     triangle_data: Mapping[str, np.ndarray] | None = None,
@@ -60,41 +60,40 @@ def write_mesh(
     require("files of meshes need", "meshio")
     import meshio
 
-    for_gmsh = Path(path).suffix == ".msh"
+    options: dict[str, Any] = {}
+    names: dict[str, np.ndarray] = {}
+    cell_data = _cell_data(mesh, edge_data or {}, triangle_data or {})
+    if Path(path).suffix == ".msh":
+        cell_data, names = _gmsh_groups(mesh)
+        options = {"file_format": "gmsh22", "binary": False}
+    lines = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     content = meshio.Mesh(
         np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
-        [
-            ("triangle", mesh.triangles),
-            ("line", np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])),
-        ],
+        [("triangle", mesh.triangles), ("line", lines)],
         point_data=dict(node_data or {}),
-        cell_data=_gmsh_groups(mesh) if for_gmsh else _cell_data(mesh, edge_data or {}, triangle_data or {}),
-        field_data=_gmsh_names(mesh.polygon.n_sides) if for_gmsh else {},
+        cell_data=cell_data,
+        field_data=names,
     )
     with replacing(path) as temporary:
         try:
             with _silence_output(StringIO()):
-                if for_gmsh:
-                    meshio.write(temporary, content, "gmsh22", binary=False)
-                else:
-                    meshio.write(temporary, content)
+                meshio.write(temporary, content, **options)
         except OSError:
             raise
         except Exception as error:
             raise InputError(f"{path}: the mesh cannot be written there ({_one_line(error)})") from error
 
 
-def _gmsh_groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
-    """The numbers of gmsh's groups, those of the triangles (m,) and of the boundary edges (nb,)."""
-    domain = np.full(len(mesh.triangles), mesh.polygon.n_sides + 1, np.int32)
-    groups = [domain, (mesh.side + 1).astype(np.int32)]
-    return {"gmsh:physical": groups, "gmsh:geometrical": groups}
+def _gmsh_groups(mesh: Mesh) -> tuple[dict[str, list[np.ndarray]], dict[str, np.ndarray]]:
+    """The numbers of gmsh's groups on the triangles and boundary edges, and the groups by their names.
 
-
-def _gmsh_names(n_sides: int) -> dict[str, np.ndarray]:
-    """The groups' names, which some readers ask for, each with its number and dimension."""
-    names = {f"side_{i}": np.array([i + 1, 1]) for i in range(n_sides)}
-    return names | {"domain": np.array([n_sides + 1, 2])}
+    A name, which some readers ask for, has the group's number and dimension.
+    """
+    sides = mesh.polygon.n_sides
+    numbers = [np.full(len(mesh.triangles), sides + 1, np.int32), (mesh.side + 1).astype(np.int32)]
+    names = {f"side_{i}": np.array([i + 1, 1]) for i in range(sides)}
+    names["domain"] = np.array([sides + 1, 2])
+    return {"gmsh:physical": numbers, "gmsh:geometrical": numbers}, names
 
 
 def _cell_data(
@@ -108,9 +107,7 @@ def _cell_data(
     return cell_data | {name: [data, no_edge_data] for name, data in triangle_data.items()}
 
 
-def read_mesh(
-    path: str | os.PathLike[str], polygon: Polygon | None = None, corners_only: bool = False
-) -> Mesh:
+def read_mesh(path: str | PathLike[str], polygon: Polygon | None = None, corners_only: bool = False) -> Mesh:
     """The mesh of the triangles in a file of meshio's formats, checked as by `from_arrays`.
 
     If no polygon is given, it is the one that the triangles' boundary forms. Nodes of no triangle are left
@@ -137,7 +134,7 @@ def read_mesh(
     return as_mesh(points[used], np.searchsorted(used, triangles), polygon, where)
 
 
-def read_with_meshio(path: str | os.PathLike[str]) -> Any:
+def read_with_meshio(path: str | PathLike[str]) -> Any:
     """The mesh object that meshio reads from the file.
 
     Raises InputError, with what happened, for what it cannot read.
@@ -149,15 +146,14 @@ def read_with_meshio(path: str | os.PathLike[str]) -> Any:
     printed = StringIO()
     cause: BaseException
     try:
-        size = os.stat(path).st_size
+        size = Path(path).stat().st_size
         if size == 0:
             raise InputError(f"{path}: the file is empty; a mesh of plain triangles is needed")
         if suffix in REFUSED_SUFFIXES:
             raise InputError(f"{path}: {REFUSED_SUFFIXES[suffix]}; {MESH_FORMAT_ADVICE}")
+        seconds = READER_SECONDS + READER_SECONDS_PER_MB * size / 1e6
         with _silence_output(printed):
-            return run_with_limit(
-                lambda: meshio.read(path), READER_SECONDS + READER_SECONDS_PER_MB * size / 1e6
-            )
+            return run_with_limit(lambda: meshio.read(path), seconds)
     except InputError:
         raise
     except OSError as error:
@@ -177,7 +173,7 @@ def read_with_meshio(path: str | os.PathLike[str]) -> Any:
     ) from cause
 
 
-def _find_usual_fault(path: str | os.PathLike[str], suffix: str) -> str:
+def _find_usual_fault(path: str | PathLike[str], suffix: str) -> str:
     """The usual fault of a text file that meshio could not read, as words for a message, or ""."""
     if suffix not in COMMA_FREE_SUFFIXES:
         return ""
@@ -202,7 +198,7 @@ def _explain_stop(error: BaseException, printed: str) -> str:
     return f"its end is missing or it is not what its ending says (meshio stopped with {cause})"
 
 
-def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
+def read_partition(path: str | PathLike[str], polygon: Polygon) -> Partition:
     """The cells of a CSV file: the columns `start` and `end`, arc lengths anticlockwise from vertex 0.
 
     Raises InputError, with the file, for what cannot be read, cells that do not join, and as `from_points`.

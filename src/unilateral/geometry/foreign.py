@@ -86,11 +86,8 @@ def _warn_of_slight_corners(polygon: Polygon, where: str) -> None:
 
 def refine_within_memory(mesh: Mesh, halvings: int) -> Mesh:
     """The mesh with every edge halved so many times. Raises InputError for what is no such number."""
-    if (
-        not isinstance(halvings, int | np.integer)
-        or isinstance(halvings, bool)
-        or not 0 <= halvings <= MAX_MESH_HALVINGS
-    ):
+    is_whole = isinstance(halvings, int | np.integer) and not isinstance(halvings, bool)
+    if not is_whole or not 0 <= halvings <= MAX_MESH_HALVINGS:
         raise InputError(
             f"halvings is {quote_input(repr(halvings))}; it has to be a whole number from 0 to "
             f"{MAX_MESH_HALVINGS}"
@@ -106,42 +103,34 @@ def refine_within_memory(mesh: Mesh, halvings: int) -> Mesh:
     return refine_uniformly(mesh, int(halvings))
 
 
-def _extract_arrays(points_or_mesh: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, Any]:
-    """Points (n, 2) or (n, 3), and triangles (m, 3), not yet looked at."""
+def _extract_arrays(mesh: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, Any]:
+    """Points (n, 2) or (n, 3), and triangles (m, 3), not yet looked at, of what `as_mesh` takes."""
     if triangles is not None:
-        return points_or_mesh, triangles
-    if isinstance(points_or_mesh, Mesh):
-        return points_or_mesh.points, points_or_mesh.triangles
-    if hasattr(points_or_mesh, "points") and _are_meshio_blocks(
-        getattr(points_or_mesh, "cells", None)
-    ):  # meshio
-        return extract_meshio_triangles(points_or_mesh, where)
-    if all(getattr(getattr(points_or_mesh, name, None), "ndim", 0) == 2 for name in ("p", "t")):  # scikit-fem
-        if points_or_mesh.p.shape[1] > getattr(points_or_mesh, "nvertices", points_or_mesh.p.shape[1]):
+        return mesh, triangles
+    if isinstance(mesh, Mesh):
+        return mesh.points, mesh.triangles
+    # meshio, of a version whose blocks of cells are objects
+    blocks = getattr(mesh, "cells", None)
+    is_list = isinstance(blocks, list) and all(hasattr(b, name) for b in blocks for name in ("type", "data"))
+    if hasattr(mesh, "points") and is_list:
+        return extract_meshio_triangles(mesh, where)
+    # scikit-fem, whose meshes of second order have points for edges after those for nodes
+    if all(getattr(getattr(mesh, name, None), "ndim", 0) == 2 for name in ("p", "t")):
+        if mesh.p.shape[1] > getattr(mesh, "nvertices", mesh.p.shape[1]):
             raise InputError(
-                f"{where}: it is a {type(points_or_mesh).__name__}, {SECOND_ORDER_FAULT}, in scikit-fem by "
+                f"{where}: it is a {type(mesh).__name__}, {SECOND_ORDER_FAULT}, in scikit-fem by "
                 "skfem.MeshTri(mesh.p[:, :mesh.nvertices], mesh.t)"
             )
-        return np.transpose(points_or_mesh.p), np.transpose(points_or_mesh.t)
-    if (
-        hasattr(points_or_mesh, "x") and hasattr(points_or_mesh, "y") and hasattr(points_or_mesh, "triangles")
-    ):  # matplotlib
-        mask = getattr(points_or_mesh, "mask", None)
-        x = read_floats(points_or_mesh.x, f"{where}, x")
-        y = read_floats(points_or_mesh.y, f"{where}, y")
-        return np.column_stack([x, y]), points_or_mesh.triangles[
-            ... if mask is None else ~np.asarray(mask, bool)
-        ]
+        return np.transpose(mesh.p), np.transpose(mesh.t)
+    # matplotlib, where a mask says which triangles are left out
+    if hasattr(mesh, "x") and hasattr(mesh, "y") and hasattr(mesh, "triangles"):
+        mask = getattr(mesh, "mask", None)
+        x = read_floats(mesh.x, f"{where}, x")
+        y = read_floats(mesh.y, f"{where}, y")
+        return np.column_stack([x, y]), mesh.triangles[... if mask is None else ~np.asarray(mask, bool)]
     raise InputError(
-        f"{where}: {quote_input(' '.join(repr(points_or_mesh).split()))} is no mesh; give a file, points and "
+        f"{where}: {quote_input(' '.join(repr(mesh).split()))} is no mesh; give a file, points and "
         "triangles, or a mesh of meshio, scikit-fem or matplotlib"
-    )
-
-
-def _are_meshio_blocks(cells: Any) -> bool:
-    """Whether they are the cells of a mesh of meshio, of the version that is asked for."""
-    return isinstance(cells, list) and all(
-        hasattr(block, "type") and hasattr(block, "data") for block in cells
     )
 
 
@@ -179,9 +168,8 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
 
 def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:
     """The points (n, 2) without their third coordinates, which have to be 0."""
-    coordinates = read_floats(
-        points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)"
-    )
+    requirement = "they have to be numbers, an array of the shape (n, 2)"
+    coordinates = read_floats(points, f"{where}, points", requirement)
     if coordinates.ndim != 2 or coordinates.shape[1] != 3:
         return coordinates
     lifted = np.flatnonzero(coordinates[:, 2])

@@ -78,13 +78,11 @@ def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Arr
 
 
 def _z_order(points: Array) -> Index:
-    """The order (m,) of points along a Z curve, by the bits of both coordinates in turn.
-
-    Points that follow one another in it are mostly near each other.
-    """
+    """The order (m,) of points along a Z curve, on which most neighbours are near, by bits of both axes."""
     low = points.min(axis=0)
     size = np.ptp(points, axis=0).max() or 1.0
     cells = ((points - low) / size * (2**Z_ORDER_BITS - 1)).astype(np.int64)
+    # Bit b of x and y is bit 2 b and 2 b + 1 of the place on the curve
     code = np.zeros(len(points), dtype=np.int64)
     for bit in range(Z_ORDER_BITS):
         for axis in range(2):

@@ -140,9 +140,8 @@ class Mesh:
     def exact_mesh_factor(self) -> float:
         """The factor gamma by which norms, constants and lengths may be larger on the exact mesh."""
         # gamma = 1 + 6 (epsilon + kappa), Proposition S7
-        return 1 + exact_mesh.FACTOR_PER_DISTORTION * float(
-            self.distortion.max() + self.polygon.stretch.max()
-        )
+        change = float(self.distortion.max() + self.polygon.stretch.max())
+        return 1 + exact_mesh.FACTOR_PER_DISTORTION * change
 
 
 def from_arrays(
@@ -207,11 +206,8 @@ def build_conforming_mesh(
 
 
 def _snap_arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
-    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,).
-
-    `s` (nb,) are those of the nodes at which boundary edges start, in the order along the boundary.
-    """
-    # as many equal edges on each side as it has edges; where the side changes is a vertex
+    """Arc lengths s (nb,) made exact at vertices and on uniform sides, and the perimeter, (nb + 1,)."""
+    # A uniform side is cut into equal edges, up to round-off; a vertex is where the side changes
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= triangulation_checks.round_off(polygon)
     return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
@@ -252,9 +248,8 @@ def triangulate_from_cells(
     partition: Partition, edges_per_cell: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
     """A mesh by gmsh with equal boundary edges in every cell of a partition, and that, both then halved."""
-    mesh = triangulate_from_boundary(
-        partition.polygon, partitions.divide_cells(partition, edges_per_cell).points[:-1], growth
-    )
+    edges = partitions.divide_cells(partition, edges_per_cell)
+    mesh = triangulate_from_boundary(partition.polygon, edges.points[:-1], growth)
     return refine_uniformly(mesh, halvings), partitions.divide_cells(partition, 2**halvings)
 
 
@@ -291,15 +286,9 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
     side = np.insert(mesh.side, halved + 1, mesh.side[halved])
     s = _snap_arc_lengths(mesh.polygon, side, s[:-1])
     _check_coordinate_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
+    steps = (*mesh.steps, step)
     return Mesh(
-        mesh.polygon,
-        points,
-        triangulation.nodes,
-        boundary,
-        s,
-        mesh.coarse or mesh,
-        (*mesh.steps, step),
-        triangulation,
+        mesh.polygon, points, triangulation.nodes, boundary, s, mesh.coarse or mesh, steps, triangulation
     )
 
 

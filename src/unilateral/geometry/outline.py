@@ -36,6 +36,10 @@ those of a mesh that was turned afterwards. Short numbers that a person wrote do
 POLYGON_ADVICE = "give the polygon, by polygon="
 
 
+TurnKinds = tuple[Mask, Mask, Mask]
+"""Masks (n,) of the nodes at corners, of those at turns by rounding, and of those that may be either."""
+
+
 class Outline(NamedTuple):
     """The polygon of a boundary, and what was taken for rounding.
 
@@ -55,21 +59,19 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
     """
     line = order_boundary_nodes(points, triangles, where)
     places = points[line]
-    # The turn at a node, from the edge before it to the edge after it
-    after = np.roll(places, -1, axis=0) - places
-    before = np.roll(after, 1, axis=0)
-    turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
+    turns = _boundary_turns(places)
     # Where places may be off by round-off in another program, and by that and by rounded digits
     arithmetic_errors = np.full(len(line), coordinate_rounding.arithmetic_error(places))
     point_errors = arithmetic_errors + coordinate_rounding.rounding_errors_of_points(places)
     rounding_turns = largest_turns(places, point_errors)
+    # Nodes that turn by round-off alone
     straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
     if coordinate_rounding.has_typed_digits(places):
         half_units = 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
         digit_turns = largest_turns(places, arithmetic_errors + half_units)
-        corners, rounded, unclear = _classify_typed_turns(turns, straight, rounding_turns, digit_turns)
+        corners, rounded, unclear = _classify_typed(turns, straight, rounding_turns, digit_turns)
     else:
-        corners, rounded, unclear = _classify_turns(turns, straight, rounding_turns)
+        corners, rounded, unclear = _classify_computed(turns, straight, rounding_turns)
     if unclear.any():
         worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
@@ -83,38 +85,23 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
             f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
         )
     _check_straightness(points, line, corners, point_errors, where)
-    polygon = Polygon(places[corners], Path(where).stem)
-    return Outline(polygon, line[rounded], float(np.abs(turns[rounded]).max(initial=0.0)))
+    max_rounding_turn = float(np.abs(turns[rounded]).max(initial=0.0))
+    return Outline(Polygon(places[corners], Path(where).stem), line[rounded], max_rounding_turn)
 
 
-class TurnKinds(NamedTuple):
-    """Masks (n,) of the nodes at corners, of those at turns by rounding, and of those that may be either."""
+def _classify_typed(turns: Array, straight: Mask, rounding_turns: Array, digit_turns: Array) -> TurnKinds:
+    """The kinds of the turns (n,) where coordinates were typed, and count as exact in `rounding_turns` (n,).
 
-    corners: Mask
-    rounded: Mask
-    unclear: Mask
-
-
-def _classify_typed_turns(
-    turns: Array, straight: Mask, rounding_turns: Array, digit_turns: Array
-) -> TurnKinds:
-    """The kinds of the turns (n,) of a boundary whose coordinates were typed.
-
-    `straight` nodes turn by round-off alone. Typed numbers count as exact in the `rounding_turns` (n,). If
-    they were rounded to their few digits nevertheless, turns are up to `digit_turns` (n,): slight ones are
-    unclear.
+    If they were rounded to their few digits nevertheless, straight lines turn by up to `digit_turns` (n,).
     """
     slight = np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * digit_turns)
     rounded = ~straight & (np.abs(turns) <= rounding_turns)
     unclear = ~straight & ~rounded & slight
-    return TurnKinds(~straight & ~rounded & ~unclear, rounded, unclear)
+    return ~straight & ~rounded & ~unclear, rounded, unclear
 
 
-def _classify_turns(turns: Array, straight: Mask, rounding_turns: Array) -> TurnKinds:
-    """The kinds of the turns (n,) of a boundary whose coordinates were computed, and may be rounded.
-
-    `straight` nodes turn by round-off alone. Digits explain turns up to `rounding_turns` (n,).
-    """
+def _classify_computed(turns: Array, straight: Mask, rounding_turns: Array) -> TurnKinds:
+    """The kinds of the turns (n,) where coordinates were computed: digits explain `rounding_turns` (n,)."""
     corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * rounding_turns)
     # The true turn is at most |turn| + rounding_turns
     hidden = np.abs(turns) + rounding_turns >= MIN_CORNER_RADIANS
@@ -122,9 +109,17 @@ def _classify_turns(turns: Array, straight: Mask, rounding_turns: Array) -> Turn
     unclear = ~straight & ~corners & ~rounded
     # Only where numbers are seen to be rounded may nodes in line hide a corner
     unclear |= straight & hidden & np.any(rounded | unclear)
+    # Corners may come from a rounding that the digits do not show, if they are slight and in its pattern
     slight_corners = np.where(corners & (np.abs(turns) < SLIGHT_TURN_RADIANS), turns, 0.0)
     unclear |= _find_rounding_patterns(slight_corners, ~hidden)
-    return TurnKinds(corners, rounded, unclear)
+    return corners, rounded, unclear
+
+
+def _boundary_turns(points: Array) -> Array:
+    """The turns at the nodes of a closed line, from the edge before each to that after it, in radians, (n,)."""
+    after = np.roll(points, -1, axis=0) - points
+    before = np.roll(after, 1, axis=0)
+    return np.arctan2(cross(before, after), np.sum(before * after, axis=1))
 
 
 def largest_turns(points: Array, errors: Array) -> Array:
@@ -164,13 +159,14 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
             f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and "
             f"a polygon has three; {POLYGON_ADVICE}"
         )
-    # The corners a and b between which each node lies, and its distance |(b - a) x (p - a)| / |b - a|
+    # The corners a and b between which each node lies, and its distance |(b - a) x (p - a)| / |b - a|; before
+    # the first corner a is the last one
     run = np.searchsorted(ends, np.arange(len(line)), side="right") - 1
     a = ends[run]
     b = ends[(run + 1) % len(ends)]
-    chord = points[line[b]] - points[line[a]]
     places = points[line]
-    away = np.abs(cross(chord, places - points[line[a]])) / np.hypot(*chord.T)
+    chord = places[b] - places[a]
+    away = np.abs(cross(chord, places - places[a])) / np.hypot(*chord.T)
     bent = ~corners & (away > errors + np.maximum(errors[a], errors[b]))
     if bent.any():
         worst = int(np.where(bent, away, 0.0).argmax())

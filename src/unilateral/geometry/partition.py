@@ -14,20 +14,16 @@ from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
 
 VERTEX_TOLERANCE = 1e-12
-"""Arc lengths that differ by this part of the perimeter are the same place, for they are rounded like it.
-
-In `balance_cells` it is the part of a cell's length that rounding may add to it.
-"""
+"""Arc lengths that differ by this part of the perimeter are the same place, for they are rounded like it. In
+`balance_cells` it is the part of a cell's length that rounding may add to it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Partition:
     """The paper's T_H: cell i is the part of the boundary between points[i] and points[i + 1].
 
-    `points` (m + 1,) are arc lengths, strictly increasing from 0 to the perimeter; the polygon's
-    vertices (`polygon.starts`) are among them, exactly.
-
-    Raises InputError if they are not.
+    `points` (m + 1,) are arc lengths, strictly increasing from 0 to the perimeter; the polygon's vertices
+    (`polygon.starts`) are among them, exactly. Raises InputError if they are not.
     """
 
     polygon: Polygon
@@ -164,9 +160,8 @@ def common_refinement(partitions: Sequence[Partition]) -> Partition:
 def divide_cells(partition: Partition, count: int = 2) -> Partition:
     """The partition with every cell cut into that many equal ones."""
     positions = np.arange(count * partition.n_cells + 1) / count
-    return Partition(
-        partition.polygon, np.interp(positions, np.arange(partition.n_cells + 1), partition.points)
-    )
+    points = np.interp(positions, np.arange(partition.n_cells + 1), partition.points)
+    return Partition(partition.polygon, points)
 
 
 def balance_cells(partition: Partition) -> Partition:

@@ -210,9 +210,8 @@ def square() -> Polygon:
 
 @cache
 def _read_named_vertices() -> dict[str, list[list[float]]]:
-    vertices: dict[str, list[list[float]]] = read_stored_yaml(
-        resources.files("unilateral.geometry") / "polygons.yaml"
-    )
+    path = resources.files("unilateral.geometry") / "polygons.yaml"
+    vertices: dict[str, list[list[float]]] = read_stored_yaml(path)
     return vertices
 
 
@@ -226,13 +225,10 @@ def _check_vertices(vertices: Array, name: str) -> None:
         raise InputError(f"polygon '{name}' has a vertex that is not finite")
     repeated = np.flatnonzero(np.all(vertices == np.roll(vertices, -1, axis=0), axis=1))
     if repeated.size:
-        closed = (
-            "; it is the first one again: leave the last one out" if repeated[0] == len(vertices) - 1 else ""
-        )
-        raise InputError(
-            f"polygon '{name}' repeats its vertex {repeated[0]} "
-            f"{tuple(vertices[repeated[0]].tolist())}{closed}"
-        )
+        vertex = tuple(vertices[repeated[0]].tolist())
+        is_last = repeated[0] == len(vertices) - 1
+        advice = "; it is the first one again: leave the last one out" if is_last else ""
+        raise InputError(f"polygon '{name}' repeats its vertex {repeated[0]} {vertex}{advice}")
     if np.abs(vertices).max() > MAX_COORDINATE or np.ptp(vertices, axis=0).max() < MIN_POLYGON_EXTENT:
         raise InputError(
             f"polygon '{name}' is too large or too small: squares of areas leave the range of double "

@@ -61,9 +61,9 @@ class RefinementStep:
 
     `edge_triangles` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new
     triangles have the `nodes` (c, 3). There were `n_old_triangles` triangles. After a uniform step the
-    `refined_triangulation` is known, and the new triangles are all of its triangles, in
-    order. Otherwise `children` has their numbers (c,), those of the triangles that they come from (c,), and
-    how often the areas of these were halved (c,).
+    `refined_triangulation` is known, and the new triangles are all of its triangles, in order. Otherwise
+    `children` has their numbers (c,), the triangles that they come from (c,), and how often the areas of
+    these were halved (c,).
     """
 
     n_old_nodes: int
@@ -82,11 +82,9 @@ class RefinementStep:
     @property
     def parent(self) -> Int32:
         """The triangles from which the new ones come, (c,)."""
-        return (
-            self.children[1]
-            if self.children
-            else np.tile(np.arange(self.n_old_triangles, dtype=np.int32), RED_CHILDREN)
-        )
+        if self.children:
+            return self.children[1]
+        return np.tile(np.arange(self.n_old_triangles, dtype=np.int32), RED_CHILDREN)
 
     @property
     def area_halvings(self) -> Int16:
@@ -149,27 +147,21 @@ def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
 
 
 INTERIOR_EDGES = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
-"""The edges inside a green triangle, a blue one with ab, a blue one with ca, and a red one.
-
-An edge is given by its ends, whose numbers 0 to 5 stand for a, b, c, m_0, m_1, m_2.
-"""
+"""The edges inside a green triangle, a blue one with ab, a blue one with ca, and a red one, by their ends: 0
+to 5 stand for a, b, c, m_0, m_1, m_2."""
 CHILD_TRIANGLES = (
     (((3, 0, 1), (2, 3, 9)), ((3, 2, 0), (1, 9, 4))),
     (((5, 3, 0), (9, 7, 10)), ((5, 1, 3), (3, 10, 8)), ((3, 2, 0), (1, 9, 4))),
     (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
     (((0, 5, 4), (9, 6, 7)), ((5, 1, 3), (3, 10, 8)), ((4, 3, 2), (4, 5, 11)), ((3, 4, 5), (9, 10, 11))),
 )
-"""The children of the same four triangles: their nodes and their opposite edges.
-
-Nodes are numbered as in INTERIOR_EDGES. Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the
-halves of edge 0 at b and c, of edge 1 at c and a, and of edge 2 at a and b. The others lie inside.
-"""
+"""The children of the same four triangles: their nodes and their opposite edges. Nodes are numbered as in
+INTERIOR_EDGES. Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the halves of edge 0 at b and c,
+of edge 1 at c and a, and of edge 2 at a and b. The others lie inside."""
 CHILD_AREA_HALVINGS = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
 """How often the parent's area was halved for each child, in the same four triangles."""
-GREEN_CHILDREN = 2
-BLUE_CHILDREN = 3
 RED_CHILDREN = 4
-"""How many children a green, a blue and a red triangle have."""
+"""How many children a red triangle has."""
 
 
 class NewTriangles(NamedTuple):
@@ -214,7 +206,7 @@ def _cut_triangles(triangulation: Triangulation, midpoints: Int32, n_edges: int)
         nodes, halves = _local_numbering(triangulation, parents[family], midpoints)
         new.interior_edges[inside] = nodes[:, np.array(interior_ends)]
         edges = np.concatenate([halves, n_edges + inside], axis=1)
-        row = _write_children(new, row, kind, parents[family], nodes, edges)
+        row = _add_children(new, row, kind, parents[family], nodes, edges)
     # Children without a number, all but the first of each parent, get the next free ones
     new.triangles[new.triangles < 0] = len(triangulation.nodes) + np.arange(e)
     return new
@@ -233,9 +225,7 @@ def _find_cut_triangles(triangulation: Triangulation, midpoints: Int32) -> tuple
     return parents, (halved[:, 2] + 2 * halved[:, 1]).astype(np.int16)
 
 
-def _write_children(
-    new: NewTriangles, row: int, kind: int, parents: Int32, nodes: Int32, edges: Int32
-) -> int:
+def _add_children(new: NewTriangles, row: int, kind: int, parents: Int32, nodes: Int32, edges: Int32) -> int:
     """Writes the children of all parents (p,) of one kind into `new` from a row on, and returns the next row.
 
     `nodes` (p, 6) and `edges` (p, 9 and those inside) are numbered as in CHILD_TRIANGLES. The first child
@@ -253,14 +243,12 @@ def _write_children(
 
 
 def _local_numbering(triangulation: Triangulation, parents: Int32, midpoints: Int32) -> tuple[Int32, Int32]:
-    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES.
-
-    Edges that are not halved have numbers of no meaning for midpoints and halves, which no child has.
-    """
+    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES."""
     # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
     nodes = triangulation.nodes[parents]
     edges = triangulation.edges[parents]
     ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
+    # What edges that stay have for midpoints and halves is of no use to any child
     second = midpoints[edges] + (len(triangulation.ends) - triangulation.n_nodes)
     next_half = np.where(ahead, edges, second)
     last_half = np.where(ahead, second, edges)
@@ -338,9 +326,8 @@ def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
 def rotate_to_pattern(points: Array, triangles: Index) -> tuple[Index, bool]:
     """Triangles (T, 3), all alike, with a longest edge opposite to the first corner, and True.
 
-    If that cannot be, the triangles as they are, and False.
-
-    Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
+    If that cannot be, the triangles as they are, and False. Alike are triangles that a shift, or a turn by
+    180 degrees and a shift, takes to each other.
     """
     if len(triangles) > PROBE_TRIANGLES and not rotate_to_pattern(points, triangles[:PROBE_TRIANGLES])[1]:
         return triangles, False

@@ -44,9 +44,8 @@ def make_structured_mesh(polygon: Polygon, h: float) -> Mesh:
 def make_half_cell_mesh(polygon: Polygon, H: float) -> Mesh:
     """The mesh whose boundary edges 0 and 1, 2 and 3, .. are the halves of cells of the size H at most."""
     grid = _make_tensor_grid(polygon, H)
-    return _refine_from_coarsest(
-        polygon, grid._replace(x_divisions=2 * grid.x_divisions, y_divisions=2 * grid.y_divisions)
-    )
+    halved = grid._replace(x_divisions=2 * grid.x_divisions, y_divisions=2 * grid.y_divisions)
+    return _refine_from_coarsest(polygon, halved)
 
 
 def _make_tensor_grid(polygon: Polygon, size: float) -> TensorGrid:
@@ -57,20 +56,19 @@ def _make_tensor_grid(polygon: Polygon, size: float) -> TensorGrid:
             f"polygon '{polygon.name}' has no structured mesh, which needs sides parallel to the axes, and "
             "coordinates that are equal or well apart; use an unstructured one"
         )
-    counts = polygon.counts(size)  # which refuses sizes that are too small
+    polygon.counts(size)  # which refuses sizes that are too small
     if _consists_of_squares(polygon):
-        counts = square().counts(size)
-        return TensorGrid(*ticks, *(np.full(len(coordinates) - 1, counts[0]) for coordinates in ticks))
+        n = square().counts(size)[0]
+        return TensorGrid(*ticks, *(np.full(len(coordinates) - 1, n) for coordinates in ticks))
     # a quotient that rounding puts above a whole number by this part of it counts as that number
-    return TensorGrid(
-        *ticks, *(np.ceil(np.diff(coordinates) / size * (1 - 1e-12)).astype(np.intp) for coordinates in ticks)
-    )
+    quotients = [np.diff(coordinates) / size * (1 - 1e-12) for coordinates in ticks]
+    return TensorGrid(*ticks, *(np.ceil(quotient).astype(np.intp) for quotient in quotients))
 
 
 def _grid_lines(polygon: Polygon) -> tuple[Array, Array] | None:
-    """Increasing coordinates in x and in y, those of all vertices among them; None if a side is slanted.
+    """Increasing coordinates in x and in y, those of all vertices among them.
 
-    So it is where two of them differ by little more than rounding.
+    None if a side is slanted, or if two of them differ by little more than rounding.
     """
     if not np.all(np.any(polygon.edges == 0, axis=1)):
         return None
@@ -84,13 +82,15 @@ def _grid_lines(polygon: Polygon) -> tuple[Array, Array] | None:
 
 def _refine_from_coarsest(polygon: Polygon, grid: TensorGrid) -> Mesh:
     """The mesh of the grid, refined from that of a coarser one."""
+    divisions = np.append(grid.x_divisions, grid.y_divisions)
     halvings = 0
-    while (
-        divisions := np.append(grid.x_divisions, grid.y_divisions)
-    ).max() > COARSEST_DIVISIONS and not np.any(divisions % 2):
-        grid = grid._replace(x_divisions=grid.x_divisions // 2, y_divisions=grid.y_divisions // 2)
+    # The grid is made coarser as long as all numbers of parts are even, and not all of them small
+    while divisions.max() > COARSEST_DIVISIONS and not np.any(divisions % 2):
+        divisions = divisions // 2
         halvings = halvings + 1
-    return refine_uniformly(_mesh_rectangles(polygon, grid), halvings)
+    n_x = len(grid.x_divisions)
+    coarsest = grid._replace(x_divisions=divisions[:n_x], y_divisions=divisions[n_x:])
+    return refine_uniformly(_mesh_rectangles(polygon, coarsest), halvings)
 
 
 def _mesh_rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
@@ -100,19 +100,18 @@ def _mesh_rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
     # All rectangles between two neighbouring ticks are in the polygon if the middle is
     middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
     inside = polygon.contains(middles).repeat(grid.y_divisions, axis=0).repeat(grid.x_divisions, axis=1)
-    return build_conforming_mesh(
-        polygon,
-        *_split_rectangles(_divide_ticks(x, grid.x_divisions), _divide_ticks(y, grid.y_divisions), inside),
-    )
+    x = _divide_ticks(x, grid.x_divisions)
+    y = _divide_ticks(y, grid.y_divisions)
+    return build_conforming_mesh(polygon, *_split_rectangles(x, y, inside))
 
 
 def _divide_ticks(ticks: Array, divisions: Index) -> Array:
     """The ticks with each spacing cut into so many equal ones, (sum(divisions) + 1,)."""
+    # Point i of the n equal parts of a gap between a and b is (a (n - i) + b i) / n
     gap = np.repeat(np.arange(len(divisions)), divisions)
-    inside = np.arange(len(gap)) - (np.cumsum(divisions) - divisions)[gap]
-    return np.append(
-        (ticks[gap] * (divisions[gap] - inside) + ticks[gap + 1] * inside) / divisions[gap], ticks[-1]
-    )
+    i = np.arange(len(gap)) - (np.cumsum(divisions) - divisions)[gap]
+    n = divisions[gap]
+    return np.append((ticks[gap] * (n - i) + ticks[gap + 1] * i) / n, ticks[-1])
 
 
 def default_mesh_kind(polygon: Polygon) -> str:
@@ -126,12 +125,10 @@ def default_mesh_kind(polygon: Polygon) -> str:
 
 
 def _consists_of_squares(polygon: Polygon) -> bool:
-    """Whether sides run between whole numbers, of which there are few."""
+    """Whether sides are parallel to the axes and run between whole numbers, of which there are few."""
     has_integers = np.array_equal(polygon.vertices, np.round(polygon.vertices))
-    is_small = (
-        polygon.largest <= MAX_SQUARE_COORDINATE
-        and np.ptp(polygon.vertices, axis=0).max() <= MAX_UNIT_SQUARES
-    )
+    width = np.ptp(polygon.vertices, axis=0).max()
+    is_small = polygon.largest <= MAX_SQUARE_COORDINATE and width <= MAX_UNIT_SQUARES
     return bool(has_integers and is_small and np.all(np.any(polygon.edges == 0, axis=1)))
 
 

@@ -20,11 +20,7 @@ except OSError as error:
         f"gmsh does not load ({error}); on Debian or Ubuntu type: sudo apt-get install {GMSH_LIBRARIES}"
     ) from None
 
-GMSH_OPTIONS = {
-    "General.Terminal": 0,
-    "General.NumThreads": 1,
-    "Mesh.Algorithm": 6,
-}
+GMSH_OPTIONS = {"General.Terminal": 0, "General.NumThreads": 1, "Mesh.Algorithm": 6}
 
 
 def triangulate(boundary_edges: Partition, growth: float | None = None) -> tuple[Array, Index]:

@@ -13,9 +13,7 @@ from unilateral.geometry.polygon import Polygon
 
 MAX_MOVE_PER_HEIGHT = 1e-6
 """A boundary node may lie beside its side by this part of the least height of the triangles at the node.
-
-Moved onto the side, it changes gradients there by about that part. The bounds are those of the moved mesh.
-"""
+Moved onto the side, it changes gradients there by about that part. The bounds are those of the moved mesh."""
 MAX_ROUNDED_MOVE = 0.1
 """A node whose coordinates are seen to be rounded may lie beside its side as far as rounding explains, but by
 no more than this part of that height, so that no triangle is turned over."""
@@ -121,11 +119,10 @@ def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
     """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,)."""
     lowest = np.full(len(points), np.inf)
     lowest[np.delete(np.arange(len(points)), edges)] = 0.0
-    # the triangles with a node on the boundary
-    selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
+    beside = triangles[np.isinf(lowest)[triangles].any(axis=1)]
     # A triangle's least height is twice its area over its longest edge
-    heights = 2 * np.abs(signed_areas(points, selected)) / longest_edges(points, selected)
-    np.minimum.at(lowest, selected, heights[:, None])
+    heights = 2 * np.abs(signed_areas(points, beside)) / longest_edges(points, beside)
+    np.minimum.at(lowest, beside, heights[:, None])
     return lowest
 
 
