@@ -110,8 +110,10 @@ def _format_plus_minus(value: float, lower: float, upper: float) -> str:
         apart = max(high - exact, exact - low)
         if not (exact or apart):
             return "0 ± 0"
+        # Beyond these sizes both are written with the same power of ten
         largest = max(abs(exact), apart)
         power = largest.adjusted() if largest and not -4 <= largest.adjusted() < MAX_PLAIN_DIGITS else 0
+        # Both end with the second digit of the distance, or with the number's eighth if there is none
         digit = Decimal(1).scaleb((apart.adjusted() if apart else exact.adjusted() - MAX_PLAIN_DIGITS) - 1)
         # The distance is taken from the rounded value, so that the rounding of both is in it
         rounded = exact.quantize(digit)
@@ -130,6 +132,7 @@ def _format_rounding(x: float | Decimal, spec: str, rounding: str) -> str:
     with localcontext(rounding=rounding):
         if match[2] == "f":
             return format(Decimal(x), spec)
+        # Python writes decimals with other zeros and exponents than floats: "e" and "g" are put together here
         general = match[2] == "g"
         digits = max(int(match[1]), 1) if general else int(match[1]) + 1
         mantissa, _, power = format(Decimal(x), f".{digits - 1}e").partition("e")

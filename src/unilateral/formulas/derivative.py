@@ -15,6 +15,7 @@ OUTER_DERIVATIVES: dict[str, Callable[..., Expression]] = {
     "sinh": lambda a: apply_function("cosh", a),
     "cosh": lambda a: apply_function("sinh", a),
     "tanh": lambda a: 1 - apply_function("tanh", a) ** 2,
+    # a_+^0 jumps; its derivative is 0 off the jump
     "pos": lambda a, k: k * apply_function("pos", a, k - 1) if k.rational else ZERO,
 }
 """The derivatives of functions by their first argument."""
@@ -38,7 +39,7 @@ def _derive_product(c: Fraction, powers: tuple[Power, ...], variable: str) -> Ex
 
 
 def _derive_base(base: Primitive | Expression, variable: str) -> Expression:
-    """The derivative of a sum, by the chain rule of a function, and 1 of the variable."""
+    """The derivative of what a power is taken of: a sum, a function, by the chain rule, or the variable."""
     if isinstance(base, Expression):
         return derivative(base, variable)
     return OUTER_DERIVATIVES[base.name](*base.args) * derivative(base.args[0], variable) if base.args else ONE

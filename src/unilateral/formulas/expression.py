@@ -200,7 +200,7 @@ def _product_key(powers: Product) -> str:
 
 
 def _term_text(factors: Product, c: Fraction) -> str:
-    """A term without its sign, what has a negative exponent below the line."""
+    """A term without its sign, what has a negative exponent below the line; sums with variables last."""
     powers = sorted(factors, key=lambda power: isinstance(power[0], Expression) and bool(power[0].variables))
     above = [_power_text(base, k) for base, k in powers if k > 0]
     below = [_power_text(base, -k) for base, k in powers if k < 0]

@@ -207,11 +207,7 @@ def polynomial_coefficients(
     # The same monomial may have several terms, such as pi x and 2 x, whose coefficients are added
     sums: dict[tuple[int, ...], Expression] = {}
     for powers, c in _Expansion((formula,), {}).evaluate(formula).terms:
-        exponents = {
-            base.name: k
-            for base, k in powers
-            if isinstance(base, Primitive) and base.variables and not base.args
-        }
+        exponents = {b.name: k for b, k in powers if isinstance(b, Primitive) and b.variables and not b.args}
         # A term is a monomial times constants, and no monomial if anything else depends on a variable
         constants = [power for power in powers if not power[0].variables]
         if len(exponents) + len(constants) < len(powers) or any(

@@ -254,7 +254,7 @@ class FormulaReader(ast.NodeVisitor):
             self.check_kink(node, a.value, k)
             # k may be below 0: the degree bounds the work of multiplying out numerator and denominator
             degree = a.degree * abs(float(k))
-            functions = functions + (k.denominator > 1)
+            functions = functions + (k.denominator > 1)  # a root is a function
         elif isinstance(node.op, ast.Mult | ast.Div):
             degree = a.degree + b.degree
         self.check_limits(node, degree, functions)
@@ -301,9 +301,8 @@ class FormulaReader(ast.NodeVisitor):
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
         """Raises InputError for a degree or a nesting of functions beyond the limits."""
         if degree > MAX_DEGREE:
-            raise self.refuse(
-                node, f"has the degree {degree:g} when multiplied out; at most {MAX_DEGREE} is allowed"
-            )
+            why = f"has the degree {degree:g} when multiplied out; at most {MAX_DEGREE} is allowed"
+            raise self.refuse(node, why)
         if functions > MAX_FUNCTIONS:
             raise self.refuse(node, f"has more than {MAX_FUNCTIONS} nested functions")
 
@@ -393,6 +392,7 @@ def comma_hint(source: str) -> str:
     if thousands := THOUSANDS_PATTERN.search(source):
         integer = thousands[0].replace(",", "")
         decimals = thousands[0].replace(",", ".")
+        # 1,234 may mean 1234 or 1.234; with a point or two commas it is the former
         clear = thousands[1] or thousands[0].count(",") > 1
         return substitution_hint(integer if clear else f"{integer} or {decimals}", thousands[0])
     pair = COMMA_PATTERN.search(source)

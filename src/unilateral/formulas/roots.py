@@ -54,7 +54,8 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
     So multiple roots become simple, and the theorem holds at every place. Positive factors, which change no
     sign, make the coefficients whole.
     """
-    # p_0 = p, p_1 = p', p_(i + 1) = -(p_(i - 1) mod p_i), up to positive factors
+    # p_0 = p, p_1 = p', p_(i + 1) = -(p_(i - 1) mod p_i), up to positive factors; the last one before the
+    # polynomial 0 is the greatest common divisor
     degree = len(polynomial) - 1
     chain = [polynomial, [c * (degree - i) for i, c in enumerate(polynomial[:-1])]]
     while chain[-1]:

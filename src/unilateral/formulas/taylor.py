@@ -60,11 +60,11 @@ def monomial_basis(d: int, n: int) -> MonomialBasis:
     place = {a: i for i, a in enumerate(alphas)}
     first = np.searchsorted(degree, np.arange(n + 2))
     # sigma^a sigma^b = sigma^(a + b) for all b of degree at most n - |a|, which come first
-    times = []
+    slices = []
     for a in alphas:
         sums = exponents[: first[n - sum(a) + 1]] + np.array(a)
-        times.append(_runs_of_neighbours(np.array([place[tuple(b)] for b in sums.tolist()])))
-    return MonomialBasis(exponents, degree, first, tuple(times))
+        slices.append(_runs_of_neighbours(np.array([place[tuple(b)] for b in sums.tolist()])))
+    return MonomialBasis(exponents, degree, first, tuple(slices))
 
 
 def _runs_of_neighbours(places: Index) -> tuple[tuple[slice, slice], ...]:
@@ -275,7 +275,8 @@ def compose_coefficients(
     error: Array | float | None = None,
 ) -> tuple[Array, Array]:
     """The coefficients, which may be complex, and the remainder of g(a) as in `compose_model`."""
-    # g(a) = sum over k <= n of g_k (a - a_0)^k by Horner's rule, and the rest: next_bound |a - a_0|^(n + 1)
+    # g(a) = sum over k <= n of g_k (a - a_0)^k by Horner's rule, and the rest: next_bound |a - a_0|^(n + 1).
+    # (inner, a[1]) is a - a_0, of at most this size
     inner = a[0].copy()
     inner[0] = 0.0
     size = add_rounding(basis, np.abs(inner).sum(axis=0) + a[1])
@@ -285,6 +286,7 @@ def compose_coefficients(
     )
     c = np.zeros_like(inner, dtype=np.result_type(inner, coefficients))
     rad = np.zeros(len(size))
+    # rad has the remainders of the products; `beyond` bounds the rest and the errors of the g_k
     c[0] = coefficients[-1]
     beyond = (next_bound + UNDERFLOW_ALLOWANCE) * size + errors[-1]
     for g, e in zip(coefficients[-2::-1], errors[-2::-1], strict=True):

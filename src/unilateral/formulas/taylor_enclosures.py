@@ -108,6 +108,7 @@ def _power_series(a: TaylorModel, exponent: float, values: IntervalArrays) -> Ta
     either_sign = exponent == int(exponent)
     # a^m = sum over k of (m over k) a_0^(m - k) (a - a_0)^k
     coefficients = np.array(binomials) * centre ** (exponent - np.arange(n + 1)[:, None])
+    # The least size of a value, NaN where the power may be singular or not real there
     nearest = np.where(low > 0, low, -high if either_sign else np.nan)
     farthest = np.maximum(np.abs(low), np.abs(high))
     # |(m over n + 1) x^(m - n - 1)| is monotone in |x|: largest at the end nearest to 0 or farthest from it

@@ -286,10 +286,9 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
     side = np.insert(mesh.side, halved + 1, mesh.side[halved])
     s = _snap_arc_lengths(mesh.polygon, side, s[:-1])
     _check_coordinate_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
+    coarse = mesh.coarse or mesh
     steps = (*mesh.steps, step)
-    return Mesh(
-        mesh.polygon, points, triangulation.nodes, boundary, s, mesh.coarse or mesh, steps, triangulation
-    )
+    return Mesh(mesh.polygon, points, triangulation.nodes, boundary, s, coarse, steps, triangulation)
 
 
 def find_halved_edges(new_boundary: Index, n_old_nodes: int) -> Index:

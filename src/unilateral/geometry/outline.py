@@ -116,7 +116,7 @@ def _classify_computed(turns: Array, straight: Mask, rounding_turns: Array) -> T
 
 
 def _boundary_turns(points: Array) -> Array:
-    """The turns at the nodes of a closed line, from the edge before each to that after it, in radians, (n,)."""
+    """The turns at the nodes of a closed line, from the edge before each to the next, in radians, (n,)."""
     after = np.roll(points, -1, axis=0) - points
     before = np.roll(after, 1, axis=0)
     return np.arctan2(cross(before, after), np.sum(before * after, axis=1))

@@ -52,9 +52,8 @@ def check_arrays(points: Array, triangles: Index, where: str) -> None:
         )
     unused = np.flatnonzero(np.bincount(triangles.ravel(), minlength=len(points)) == 0)
     if unused.size:
-        raise InputError(
-            f"{where}: node {describe_node(points, unused[0])} belongs to no triangle; leave it out"
-        )
+        node = describe_node(points, unused[0])
+        raise InputError(f"{where}: node {node} belongs to no triangle; leave it out")
 
 
 def orient_anticlockwise(points: Array, triangles: Index) -> Index:
@@ -75,9 +74,8 @@ def check_distinct_nodes(diameter: float, points: Array, where: str) -> None:
     if twice.size:
         first = int(twice[0])
         second = int(nearest[first][nearest[first] != first][0])
-        raise InputError(
-            f"{where}: node {second} repeats node {describe_node(points, first)}; list every node once"
-        )
+        node = describe_node(points, first)
+        raise InputError(f"{where}: node {second} repeats node {node}; list every node once")
 
 
 def check_areas(points: Array, triangles: Index, where: str) -> None:
@@ -85,9 +83,8 @@ def check_areas(points: Array, triangles: Index, where: str) -> None:
     flat = signed_areas(points, triangles) <= MIN_AREA_RATIO * longest_edges(points, triangles) ** 2
     if flat.any():
         k = int(flat.argmax())
-        raise InputError(
-            f"{where}: triangle {k} with the nodes {triangles[k].tolist()} is degenerate; it needs an area"
-        )
+        nodes = triangles[k].tolist()
+        raise InputError(f"{where}: triangle {k} with the nodes {nodes} is degenerate; it needs an area")
 
 
 def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
@@ -137,9 +134,8 @@ def allowed_distances(
     allowed = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
     if not may_be_rounded:
         return allowed
-    return allowed + np.minimum(
-        2 * coordinate_rounding.max_point_error(points[edges[:, 0]]), MAX_ROUNDED_MOVE * heights
-    )
+    rounding = 2 * coordinate_rounding.max_point_error(points[edges[:, 0]])
+    return allowed + np.minimum(rounding, MAX_ROUNDED_MOVE * heights)
 
 
 def check_vertices_are_nodes(polygon: Polygon, points: Array, nodes: Index, reach: Array, where: str) -> None:
@@ -162,11 +158,10 @@ def assign_sides(
 
     The nodes may lie beside it by their `reach` (n,), the `allowed_distances`.
     """
-    ends = np.roll(polygon.vertices, -1, axis=0)
+    starts = polygon.vertices
+    ends = np.roll(starts, -1, axis=0)
     # Distances (2, nb, n) of both ends of an edge from all sides, in units of reach
-    excess = np.stack(
-        [segment_distances(points[k], polygon.vertices, ends) / reach[k][:, None] for k in edges.T]
-    )
+    excess = np.stack([segment_distances(points[k], starts, ends) / reach[k][:, None] for k in edges.T])
     # Both run anticlockwise: a side that an edge runs against, or across, is not its own
     excess[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
     side = excess.max(axis=0).argmin(axis=1)
