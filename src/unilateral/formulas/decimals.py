@@ -45,10 +45,9 @@ def format_percent(share: float) -> str:
 def format_interval(lower: float, upper: float, value: float = math.nan, spec: str = "") -> str:
     """An approximate value and the ends of an interval that contains the number, rounded outwards, as text.
 
-    An end that is infinite or NaN is not known, and a value that is not finite is left out. All intervals
-    that are printed are written here. Both ends are rounded outwards, to a format or, without a `spec`, as
-    the least distance of two digits from the value. A lower end of 0 alone is not printed: every norm,
-    constant and contact force has it.
+    An end that is infinite or NaN is not known, and a value that is not finite is left out. Without a `spec`
+    both ends are written as the least distance of two digits from the value. A lower end of 0 alone is not
+    printed: every norm, constant and contact force has it.
 
     >>> format_interval(6.0135, 6.2266, 6.1144), format_interval(6.0135, 6.2266, 6.1144, ".2f")
     ('6.11 ± 0.12', '6.11, between 6.01 and 6.23')

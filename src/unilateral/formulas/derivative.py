@@ -1,4 +1,4 @@
-"""Derivatives of formulas, by the rules that everybody knows; pos(a, 1) has the derivative pos(a, 0) a'."""
+"""Derivatives of formulas by the usual rules; pos(a, 1) has the derivative pos(a, 0) a', and a jump has 0."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ OUTER_DERIVATIVES: dict[str, Callable[..., Expression]] = {
     "sinh": lambda a: apply_function("cosh", a),
     "cosh": lambda a: apply_function("sinh", a),
     "tanh": lambda a: 1 - apply_function("tanh", a) ** 2,
-    # a_+^0 jumps; its derivative is 0 off the jump
     "pos": lambda a, k: k * apply_function("pos", a, k - 1) if k.rational else ZERO,
 }
 """The derivatives of functions by their first argument."""

@@ -75,6 +75,7 @@ def _divide_polynomials(dividend: Polynomial, divisor: Polynomial) -> tuple[Poly
         quotient.append(factor)
         for i, c in enumerate(divisor):
             remainder[i] -= factor * c
+        # its highest power is now 0; others may be, too
         remainder = remainder[1:]
     while remainder and remainder[0] == 0:
         remainder = remainder[1:]

@@ -159,6 +159,7 @@ def positive_power_model(a: TaylorModel, k: float) -> TaylorModel:
         """The range of a_+^k, of which no polynomial is known where a has both signs."""
         return range_model(a.basis, interval.positive_part_power(a.range, k))
 
+    # Where a <= 0 on the whole box it is 0, which apply_on_subsets has on all other boxes
     has_series = (lower > 0) | (is_integer & (upper > 0))
     return apply_on_subsets([(enclose_positive, has_series), (enclose_mixed, (upper > 0) & ~has_series)], a)
 

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
-from os import PathLike
+from os import PathLike, stat
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +146,7 @@ def read_with_meshio(path: str | PathLike[str]) -> Any:
     printed = StringIO()
     cause: BaseException
     try:
-        size = Path(path).stat().st_size
+        size = stat(path).st_size
         if size == 0:
             raise InputError(f"{path}: the file is empty; a mesh of plain triangles is needed")
         if suffix in REFUSED_SUFFIXES:

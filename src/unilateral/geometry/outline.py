@@ -159,8 +159,7 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
             f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and "
             f"a polygon has three; {POLYGON_ADVICE}"
         )
-    # The corners a and b between which each node lies, and its distance |(b - a) x (p - a)| / |b - a|; before
-    # the first corner a is the last one
+    # The corners a before and b after each node, cyclically, and its distance |(b - a) x (p - a)| / |b - a|
     run = np.searchsorted(ends, np.arange(len(line)), side="right") - 1
     a = ends[run]
     b = ends[(run + 1) % len(ends)]

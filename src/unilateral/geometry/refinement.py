@@ -265,8 +265,7 @@ def _replace_triangles(
     second_ends = np.column_stack([midpoints[halved], step.ends[:, 1]])
     ends = np.concatenate([triangulation.ends, second_ends, new.interior_edges])
     ends[halved, 1] = midpoints[halved]
-    # An edge has the triangle in which it runs forward first: on an edge that stays, a child takes the
-    # place of its parent
+    # First comes the triangle in which an edge runs forward: there a child takes the place of its parent
     E = len(triangulation.ends)
     edge_triangles = np.full((len(ends), 2), -1, dtype=np.int32)
     edge_triangles[:E] = triangulation.edge_triangles
