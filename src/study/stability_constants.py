@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import eigh
 
+from study.tables import ZERO_ERROR_SHARE
 from unilateral.arrays import Array
 from unilateral.fem.condense import form_matrix
 from unilateral.fem.spaces import DualOperator, MixedSpaces
@@ -23,8 +24,6 @@ from unilateral.norms.fortin import beta_lower_bound, extend_hats
 from unilateral.norms.infsup import InfSup, infsup_constants
 from unilateral.norms.resolution import Resolution, innermost_nodes, resolution
 
-ROUNDING_ERROR_SHARE = 1e-12
-"""An error of at most this fraction of ||u||_1 counts as 0."""
 PAIR_CONSTANTS = (
     "h",
     "h_over_H",
@@ -127,7 +126,7 @@ def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
     """
     beta = errors["beta_upper"]
     upper = errors["hm12_error_upper"]
-    is_known = (beta > 0) & (upper > ROUNDING_ERROR_SHARE * errors["u_norm"])
+    is_known = (beta > 0) & (upper > ZERO_ERROR_SHARE * errors["u_norm"])
     # (4.6): ||lambda - lambda_H||_{-1/2} <= (1 + 1/beta) inf ||lambda - mu||_{-1/2} + ||u - u_h||_1 / beta
     right_side = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
     ratios = {

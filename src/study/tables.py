@@ -40,6 +40,8 @@ VARIABLES: dict[str, list[str]] = read_stored_yaml(resources.files("study") / "v
 
 
 ERROR_NORMS = ("h1", "hm12", "l2")
+ZERO_ERROR_SHARE = 1e-12
+"""An error of at most this fraction of ||u||_1 counts as 0: it is rounding."""
 
 
 def error_in_norm(

@@ -16,8 +16,6 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 
 FUNCTION_TITLES = {"one": r"$\mu=1$", "alternating": r"$\mu=\pm 1$, cell by cell"}
-NEGLIGIBLE_ERROR_SHARE = 1e-12
-"""An error that is at most this multiple of ||u||_1 is 0 up to rounding."""
 COLUMNS = ["kind", "case", "h", "H", "h_over_H", "lower", "upper", "mean", "gap", "shortcut"]
 N_COMPARED_CASES = 2
 DASH_LINE_WIDTHS = 2.6
@@ -40,7 +38,7 @@ def table(
     bounds = {bound: tables.error_in_norm(runs, "hm12", bound) for bound in ("lower", "upper")}
     norms = xr.Dataset({**bounds, "l2": tables.error_in_norm(runs, "l2"), "u_norm": runs["u_norm"]})
     run_errors = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
-    nonzero = run_errors[run_errors["upper"] > NEGLIGIBLE_ERROR_SHARE * run_errors["u_norm"]]
+    nonzero = run_errors[run_errors["upper"] > tables.ZERO_ERROR_SHARE * run_errors["u_norm"]]
     rows = pd.concat(
         [nonzero, *(_tabulate_functions(gram, partitions[k]) for k in dual_norm_partitions(scene))]
     )

@@ -191,17 +191,17 @@ def measure_refinement(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.
     return xr.concat(measured.values(), "case", join="outer").assign_coords(case=list(measured))
 
 
-def mark_large_shares(solution: DiscreteSolution) -> Index:
-    """The triangles that half of the squared bound comes from."""
-    return mark_triangles(solution.mesh, solution.bound_shares)
-
-
 def measure_refined_levels(
     scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop
 ) -> Iterator[GradedRow]:
     """Errors of each level that the bound refines, from the scene's coarsest mesh on."""
+
+    def choose_triangles(solution: DiscreteSolution) -> Index:
+        """The triangles that half of the squared bound comes from."""
+        return mark_triangles(solution.mesh, solution.bound_shares)
+
     first = scenes.coarsest_mesh(scene)
-    for solution in solve_refinements(case.problem, first, stop, mark_large_shares, unknowns):
+    for solution in solve_refinements(case.problem, first, stop, choose_triangles, unknowns):
         solution.bound()
         yield refined_level_errors(case, solution)
 

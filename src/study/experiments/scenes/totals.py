@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from study import scenes, tables
-from study.tables import error_in_norm
+from study.tables import ZERO_ERROR_SHARE, error_in_norm
 from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -22,8 +22,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import ExactSolution
 
-EXACT_LAMBDA_SHARE = 1e-12
-"""An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
 INDEX_VARIABLES = (
     "total_index_u",
     "total_index_lambda",
@@ -91,7 +89,7 @@ def tabulate_indices(
         u_error = float(error_in_norm(run, "h1"))
         lambda_error = float(error_in_norm(run, "hm12", "upper"))
         # Where lambda_H is exact its error is rounding, and no bound over it says anything
-        lambda_error = lambda_error if lambda_error > EXACT_LAMBDA_SHARE * float(run["u_norm"]) else np.nan
+        lambda_error = lambda_error if lambda_error > ZERO_ERROR_SHARE * float(run["u_norm"]) else np.nan
         sharp_indices = sharp.u / u_error, sharp.lambda_ / lambda_error, sharp.eta / u_error
         indices[:, case_index, 0] = *sharp_indices, cheap.u / u_error, cheap.lambda_ / lambda_error
     table = {name: (("case", "mesh"), values) for name, values in zip(INDEX_VARIABLES, indices, strict=True)}
