@@ -19,7 +19,7 @@ from unilateral.fem.condense import form_matrix
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.dual import Bracket
+from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.fortin import beta_lower_bound, extend_hats
 from unilateral.norms.infsup import InfSup, infsup_constants
 from unilateral.norms.resolution import Resolution, innermost_nodes, resolution
@@ -114,6 +114,18 @@ def cellwise_lower_bound(mesh: Mesh, partition: Partition) -> float:
     # sigma / E^{1/2}: for a symmetric matrix the largest row sum bounds the largest eigenvalue
     W = extend_hats(mesh, innermost_nodes(mesh.s, partition)[0])
     return sigma / math.sqrt(abs(W.T @ form_matrix(mesh) @ W).sum(axis=1).max())
+
+
+def bound_multiplier_error(
+    gram: Gram, case_index: int, mean_errors: Array, discrete_error: float
+) -> tuple[float, float]:
+    """The lower and the upper bound on ||lambda - mu||_{-1/2}, for mu constant on the cells of `gram`.
+
+    Lambda is number `case_index` of the functions in `gram`, `mean_errors` (m,) are the means of lambda - mu,
+    and `discrete_error` is ||lambda - mu||_{-1/2,h}, which by its definition is a lower bound, too.
+    """
+    lower, upper = gram.error_bounds(case_index, mean_errors[None])
+    return max(float(lower[0]), discrete_error), float(upper[0])
 
 
 def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
