@@ -18,6 +18,7 @@ from scipy.linalg import solve as solve_linear
 
 from study import scenes, tables
 from study.experiments.graded.levels import GradedRow, tabulate_rows
+from study.stability_constants import bound_multiplier_error
 from unilateral.arrays import Array, Index
 from unilateral.discrete.condensed import CondensedProblem, discretise_case, solve_condensed_problem
 from unilateral.discrete.multilevel import solve_refinements
@@ -129,14 +130,13 @@ def _dual_norm_errors(
 ) -> GradedRow:
     if spaces.partition.n_cells > gram.n_cells:
         return dict.fromkeys(("hm12_error_lower", "hm12_error_upper", "beta_lower"), np.nan)
-    form = gram.coarsen(
-        spaces.partition
-    )  # the lower bound is at least D, since ||.||_{-1/2,h} <= ||.||_{-1/2}
-    lower, upper = form.error_bounds(0, (exact_data.cell_means.lambda_means - lambda_H)[None])
+    form = gram.coarsen(spaces.partition)
     D = exact_data.errors(spaces, lambda_H).hm12_discrete
+    mean_errors = exact_data.cell_means.lambda_means - lambda_H
+    lower, upper = bound_multiplier_error(form, 0, mean_errors, D)
     return {
-        "hm12_error_lower": max(float(lower[0]), D),
-        "hm12_error_upper": float(upper[0]),
+        "hm12_error_lower": lower,
+        "hm12_error_upper": upper,
         "beta_lower": infsup_constants(spaces.operator, form.p0).beta_lower,
     }
 

@@ -211,7 +211,7 @@ def measure_sharpness(
 
 
 def _make_level_solver(study: Mapping[str, Any], stop: Stop) -> Callable[[Fraction, Fraction], xr.Dataset]:
-    """A function of h and H that gives the errors of all members, and solves no pair, mesh or family twice."""
+    """A function of h and H that gives the errors of all members, and solves no pair twice."""
     domain = find_polygon(study["polygon"])
     alphas = [parse_fraction(exponent, "sharpness.alphas") for exponent in study["alphas"]]
     gammas = [parse_fraction(exponent, "sharpness.gammas") for exponent in study["gammas"]]
