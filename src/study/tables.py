@@ -160,6 +160,13 @@ def join_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
     return table
 
 
+def tabulate_levels(rows: Sequence[Mapping[str, float]]) -> xr.Dataset:
+    """The rows as one table over (level), coarse to fine; NaN where a row lacks a name."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
+    return xr.Dataset(values, coords={"level": np.arange(len(rows))})
+
+
 def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:
     """Write a table to draw from, rounded so that another machine's last bits do not show."""
     rounded = {name: _round_column(column) for name, column in frame.items()}

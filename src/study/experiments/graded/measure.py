@@ -17,7 +17,7 @@ import xarray as xr
 from scipy.linalg import solve as solve_linear
 
 from study import scenes, tables
-from study.experiments.graded.levels import GradedRow, tabulate_rows
+from study.experiments.graded.levels import GradedRow
 from study.stability_constants import bound_multiplier_error
 from unilateral.arrays import Array, Index
 from unilateral.discrete.condensed import CondensedProblem, discretise_case, solve_condensed_problem
@@ -105,7 +105,7 @@ def measure_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, sto
     rows = [_measure_level(pair, case, gram, stop) | mesh_resolution(pair) for pair in spaces]
     for row, pair in zip(rows, spaces, strict=True):
         row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), pair)
-    return tabulate_rows(rows).assign_coords(case=case.name, exponent=float(atom.beta))
+    return tables.tabulate_levels(rows).assign_coords(case=case.name, exponent=float(atom.beta))
 
 
 def _measure_level(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> GradedRow:
@@ -184,7 +184,7 @@ def measure_refinement(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.
     """
     fine = Stop(**{**stop, "fraction": stop["fraction"] ** 2})
     measured = {
-        case.name: tabulate_rows(list(measure_refined_levels(scene, case, study["adapted"], fine)))
+        case.name: tables.tabulate_levels(list(measure_refined_levels(scene, case, study["adapted"], fine)))
         for scene in study["scenes"]
         for case in scenes.load_cases(scene)
     }

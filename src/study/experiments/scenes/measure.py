@@ -20,7 +20,7 @@ from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact_errors import CaseProjections, ExactErrors, cell_means
+from unilateral.norms.exact_errors import CaseProjections, cell_means
 from unilateral.norms.infsup import InfSup, infsup_constants
 from unilateral.norms.ritz import RitzProjection, ritz_projections
 from unilateral.problems.case import ExactSolution
@@ -28,20 +28,9 @@ from unilateral.solvers.stop import Stop
 from unilateral.system.memory import forget_peak, peak_mb
 
 RUN_VARIABLES = (
-    "h1_error",
-    "hm12_error_lower",
-    "hm12_error_upper",
-    "discrete_error",
-    "hm12_best",
-    "l2_error",
-    "iterations",
-    "operator_applications",
-    "algebraic_bound",
-    "tolerance",
-    "converged",
-    "balance",
-    "quadrature_share",
-    "ritz_means",
+    *("h1_error", "hm12_error_lower", "hm12_error_upper", "discrete_error", "hm12_best", "l2_error"),
+    *("iterations", "operator_applications", "algebraic_bound", "tolerance", "converged", "balance"),
+    *("quadrature_share", "ritz_means"),
 )
 PAIR_VARIABLES = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
 PARTITION_VARIABLES = ("projection_error", "consistency", "consistency_elsewhere")
@@ -157,40 +146,48 @@ def _record_partition(
     case_means = [cell_means(projection.case, pair.spaces.partition) for projection in projections]
     for name in PARTITION_VARIABLES:
         table[name].values[:, k] = [getattr(means, name) for means in case_means]
-    operator = pair.spaces.operator
-    constants = (operator.lambda_min, operator.lambda_max, *pair.stability)
+    constants = (pair.spaces.operator.lambda_min, pair.spaces.operator.lambda_max, *pair.stability)
     for name, constant in zip(PAIR_VARIABLES, constants, strict=True):
         table[name][0, k] = constant
     seconds = []
     for case_index, projection in enumerate(projections):
         begin = time.perf_counter()
-        run = _solve_run(pair, CaseProjections(projection, case_means[case_index]), stop)
+        exact = CaseProjections(projection, case_means[case_index])
+        values, solution = _solve_run(pair, exact, stop)
         seconds.append(time.perf_counter() - begin)
-        _record_run(table, case_index, k, run, pair.gram)
+        if pair.gram:
+            mean_errors = exact.cell_means.lambda_means - solution.lambda_H
+            bounds = bound_multiplier_error(pair.gram, case_index, mean_errors, values["discrete_error"])
+            values["hm12_error_lower"], values["hm12_error_upper"] = bounds
+            values["hm12_best"] = pair.gram.best_approximations[case_index]
+        for name, value in values.items():
+            table[name].values[case_index, 0, k] = value
+        result = solution.result
+        table["algorithm"].values[case_index, 0, k] = result.algorithm
+        table["lambda_H"].values[case_index, 0, k, : len(result.lambda_H)] = result.lambda_H
     return seconds
 
 
-class _Run(NamedTuple):
-    """A case's solution on a pair, with its exact data, and what is measured of it."""
-
-    exact: CaseProjections
-    solution: DiscreteSolution
-    errors: ExactErrors
-    ritz_means: float
-    balance: float
-
-
-def _solve_run(pair: _Pair, exact: CaseProjections, stop: Stop) -> _Run:
-    """The solution of a case on a pair, and its errors."""
+def _solve_run(pair: _Pair, exact: CaseProjections, stop: Stop) -> tuple[dict[str, float], DiscreteSolution]:
+    """What is measured of a case on a pair, by RUN_VARIABLES, but for the dual norm; and its solution."""
     discrete = discretise_case(pair.spaces, exact)
     solution = solve_condensed_problem(discrete, stop, pair.stability.beta_lower)
-    return _Run(
-        exact=exact,
-        solution=solution,
-        errors=exact.errors(pair.spaces, solution.result.lambda_H),
-        ritz_means=exact.ritz_means_norm(pair.spaces),
-        balance=discrete.balance(solution),
-    )
+    result = solution.result
+    errors = exact.errors(pair.spaces, result.lambda_H)
+    values = {
+        "h1_error": errors.h1,
+        "discrete_error": errors.hm12_discrete,
+        "l2_error": errors.l2,
+        "quadrature_share": errors.quadrature_share,
+        "iterations": result.iterations,
+        "operator_applications": result.operator_applications,
+        "algebraic_bound": result.bound,
+        "tolerance": solution.tolerance,
+        "converged": float(result.converged),
+        "balance": discrete.balance(solution),
+        "ritz_means": exact.ritz_means_norm(pair.spaces),
+    }
+    return values, solution
 
 
 def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
@@ -227,31 +224,3 @@ def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequenc
             "h_over_H": (grid, mesh.h / H[None]),
         },
     )
-
-
-def _record_run(table: xr.Dataset, case_index: int, k: int, run: _Run, gram: Gram | None) -> None:
-    """Write a run's numbers into the table; bounds on ||lambda - lambda_H||_{-1/2} if there is a `gram`."""
-    result = run.solution.result
-    errors = run.errors
-    values = {
-        "h1_error": errors.h1,
-        "discrete_error": errors.hm12_discrete,
-        "l2_error": errors.l2,
-        "quadrature_share": errors.quadrature_share,
-        "iterations": result.iterations,
-        "operator_applications": result.operator_applications,
-        "algebraic_bound": result.bound,
-        "tolerance": run.solution.tolerance,
-        "converged": float(result.converged),
-        "balance": run.balance,
-        "ritz_means": run.ritz_means,
-    }
-    if gram:
-        mean_errors = run.exact.cell_means.lambda_means - run.solution.lambda_H
-        lower, upper = bound_multiplier_error(gram, case_index, mean_errors, errors.hm12_discrete)
-        values |= {"hm12_error_lower": lower, "hm12_error_upper": upper}
-        values["hm12_best"] = gram.best_approximations[case_index]
-    for name, value in values.items():
-        table[name].values[case_index, 0, k] = value
-    table["algorithm"].values[case_index, 0, k] = result.algorithm
-    table["lambda_H"].values[case_index, 0, k, : len(result.lambda_H)] = result.lambda_H
