@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.figure import Figure
 
 from study import style, tables
 from study.scenes import dual_norm_partitions, scene_partitions
@@ -83,9 +84,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for line in [*cases, *FUNCTION_TITLES]
     }
     with style.open_figure(svg_path, 9.0) as figure:
-        errors = style.add_axes(figure, 1.25, 2.9, 4.4, 5.2)
-        gaps = style.add_axes(figure, 7.05, 2.9, 4.4, 5.2)
-        norms = style.add_axes(figure, 12.45, 2.9, 4.4, 5.2)
+        errors, gaps, norms = [style.add_axes(figure, left, 2.9, 4.4, 5.2) for left in (1.25, 7.05, 12.45)]
         for line, look in looks.items():
             rows = lines[line]
             if line in cases:
@@ -93,10 +92,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
                 errors.vlines(rows["H"], rows["lower"], rows["upper"], color=look["color"], lw=3)
             gaps.plot(rows["H"], rows["gap"], **look)
             if line in (*FUNCTION_TITLES, *cases[:N_COMPARED_CASES]):
+                dashes: style.Look = {"marker": "", "ls": _shortcut_dashes(line)}
                 norms.plot(rows["H"], rows["mean"], **look)
-                norms.plot(
-                    rows["H"], rows["shortcut"], **{**look, "marker": "", "ls": _shortcut_dashes(line)}
-                )
+                norms.plot(rows["H"], rows["shortcut"], **(look | dashes))
         ratios = ", ".join(map(style.format_fraction, sorted(data["h_over_H"].dropna().unique())))
         errors.set(title=style.NORM_TITLES["hm12"], xlabel=f"cell size $H$  ($h/H={ratios}$)")
         gaps.set(title="upper / lower bound $-$ 1", xlabel="cell size $H$")
@@ -104,18 +102,20 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for axes in (errors, gaps, norms):
             style.set_size_axes(axes, data["H"])
         gaps.yaxis.set_major_formatter(lambda gap, _: f"{100 * gap:g} %")
-        handles = [
-            style.legend_entry(FUNCTION_TITLES.get(line, line), **look) for line, look in looks.items()
-        ]
-        grey: style.Look = {"color": "0.25", "lw": 1.1}
-        true = style.legend_entry(r"$\Vert\mu\Vert_{-1/2}$", **grey)
-        short = style.legend_entry(
-            r"the shortcut $H^{1/2}\Vert\mu\Vert_0$", ls=_shortcut_dashes("one"), **grey
-        )
-        padded: style.Look = {"borderpad": None, "borderaxespad": None}
-        style.add_legend(figure, handles, 0.0, 1.75, ncols=3, **padded)
-        style.add_legend(figure, [true, short], 12, 1.75, **padded)
+        _add_norm_keys(figure, looks)
         style.add_note(figure, BOUNDS_NOTE)
+
+
+def _add_norm_keys(figure: Figure, looks: Mapping[str, style.Look]) -> None:
+    """Add the key of cases and functions, and that of the norm and its shortcut."""
+    handles = [style.legend_entry(FUNCTION_TITLES.get(line, line), **look) for line, look in looks.items()]
+    grey: style.Look = {"color": "0.25", "lw": 1.1}
+    norm = style.legend_entry(r"$\Vert\mu\Vert_{-1/2}$", **grey)
+    shortcut = r"the shortcut $H^{1/2}\Vert\mu\Vert_0$"
+    short = style.legend_entry(shortcut, ls=_shortcut_dashes("one"), **grey)
+    padded: style.Look = {"borderpad": None, "borderaxespad": None}
+    style.add_legend(figure, handles, 0.0, 1.75, ncols=3, **padded)
+    style.add_legend(figure, [norm, short], 12, 1.75, **padded)
 
 
 def _shortcut_dashes(function: str) -> tuple[float, tuple[float, float]]:

@@ -147,8 +147,8 @@ def _record_partition(
     for name in PARTITION_VARIABLES:
         table[name].values[:, k] = [getattr(means, name) for means in case_means]
     constants = (pair.spaces.operator.lambda_min, pair.spaces.operator.lambda_max, *pair.stability)
-    for name, constant in zip(PAIR_VARIABLES, constants, strict=True):
-        table[name][0, k] = constant
+    for name, value in zip(PAIR_VARIABLES, constants, strict=True):
+        table[name][0, k] = value
     seconds = []
     for case_index, projection in enumerate(projections):
         begin = time.perf_counter()
