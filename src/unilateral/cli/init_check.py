@@ -143,6 +143,7 @@ def format_bound(bound: float, largest: float, round_outward: Callable[[float, s
     `round_outward` rounds it down or up to 12 digits. The rounding of 0 is shown as 0 or as a power of ten.
     """
     if 0 < abs(bound) <= RELATIVE_VALUE_ROUNDING * largest:
+        # 0 is still a bound if it lies outward: above a negative upper one, below a positive lower one
         towards_0 = (bound < 0) == (round_outward is format_up)
         bound = (
             0.0

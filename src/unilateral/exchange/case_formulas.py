@@ -58,7 +58,7 @@ def derive_case_formulas(
     """
     sides = range(case.polygon.n_sides)
     atoms = [atom for atom in case.atoms if isinstance(atom, ClosedAtom)]
-    if len(atoms) < len(case.atoms):
+    if len(atoms) < len(case.atoms):  # a Cantor atom is a sum without end
         per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
         return {"u": None, "f": None, "grad_u": [None, None], **per_side}
     write = partial(_write_formula, coordinates=coordinates)

@@ -17,6 +17,7 @@ from unilateral.discrete.condensed import CondensedProblem
 from unilateral.exchange.boundary_function import BoundaryFunction, piecewise_constant, represent_reactions
 from unilateral.exchange.discrete_conditions import (
     ZERO_VALUE_RATIO,
+    Conditions,
     list_arc_length_shifts,
     list_conditions,
     list_mistaken_conditions,
@@ -224,16 +225,22 @@ def _diagnose_sign(
 def _diagnose_conditions(
     case: Problem, mu: BoundaryFunction, residual: Residual, max_residual: float
 ) -> Iterator[Fault]:
-    """The fault of the conditions that u has, if it has none of those that belong to mu."""
-    # ||u - w|| = ||lambda_u - lambda_w||_{-1/2,h} for the solution w with the conditions, less w's error
+    """The fault of the conditions that u has, if it is not within `max_residual` of any solution for mu."""
+
+    def measure_distance(conditions: Conditions, tolerance: float) -> tuple[float, float]:
+        """||u - w|| for the solution w with these conditions, and a bound on the error of the computed w."""
+        # ||u - w|| = ||lambda_u - lambda_w||_{-1/2,h}, as the equation holds inside for both
+        condensed = residual.discrete.spaces.condensed
+        load, bound = conditions.multiplier_load(condensed, residual.unconstrained_trace, tolerance)
+        return residual.boundary_dual_norm(residual.boundary_load - load), bound
+
     correct = []
     distances = {}
     for conditions in list_conditions(case, residual.discrete, mu):
         correct.append(conditions)
-        load, bound = conditions.multiplier_load(
-            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_residual
-        )
-        distances[conditions.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
+        # the error of w is taken off: u is blamed only for what is surely wrong
+        computed, bound = measure_distance(conditions, max_residual)
+        distances[conditions.description] = computed - bound
         if distances[conditions.description] <= max_residual:
             return
     nearest = min(distances, key=lambda description: distances[description])
@@ -245,10 +252,7 @@ def _diagnose_conditions(
     for description, conditions in list_mistaken_conditions(
         case, residual.discrete, mu, correct, residual.u[residual.discrete.mesh.boundary]
     ):
-        load, bound = conditions.multiplier_load(
-            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_distance
-        )
-        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= max_distance:
+        if sum(measure_distance(conditions, max_distance)) <= max_distance:
             descriptions.add(description)
     if descriptions:
         yield merge_alternatives([Fault(description, measured) for description in sorted(descriptions)])
