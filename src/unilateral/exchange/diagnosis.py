@@ -101,13 +101,13 @@ def _explain_by_bugs(
         if mu is None and repair.needs_multiplier:
             continue
         repaired_mu = mu and repair.repair_multiplier(mu)
-        left = list(_diagnose_boundary(case, repaired_mu, repair.residual, reference_errors))
-        if all(fault.is_explained for fault in (repair.fault, *left)):
-            explanations.append((repair.fault, left))
+        others = list(_diagnose_boundary(case, repaired_mu, repair.residual, reference_errors))
+        if all(fault.is_explained for fault in (repair.fault, *others)):
+            explanations.append((repair.fault, others))
     if not explanations:
         return []
-    fewest = min(len(left) for _, left in explanations)
-    best = [(bug, left) for bug, left in explanations if len(left) == fewest]
+    fewest = min(len(others) for _, others in explanations)
+    best = [(bug, others) for bug, others in explanations if len(others) == fewest]
     return [merge_alternatives([bug for bug, _ in best]), *best[0][1]]
 
 

@@ -84,7 +84,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for line in [*cases, *FUNCTION_TITLES]
     }
     with style.open_figure(svg_path, 9.0) as figure:
-        errors, gaps, norms = [style.add_axes(figure, left, 2.9, 4.4, 5.2) for left in (1.25, 7.05, 12.45)]
+        errors, gaps, norms = [
+            style.add_axes(figure, left_cm, 2.9, 4.4, 5.2) for left_cm in (1.25, 7.05, 12.45)
+        ]
         for line, look in looks.items():
             rows = lines[line]
             if line in cases:

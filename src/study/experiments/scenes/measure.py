@@ -169,7 +169,7 @@ def _record_partition(
 
 
 def _solve_run(pair: _Pair, exact: CaseProjections, stop: Stop) -> tuple[dict[str, float], DiscreteSolution]:
-    """What is measured of a case on a pair, by RUN_VARIABLES, but for the dual norm; and its solution."""
+    """The RUN_VARIABLES of a case on a pair, without those of the dual norm; and its solution."""
     discrete = discretise_case(pair.spaces, exact)
     solution = solve_condensed_problem(discrete, stop, pair.stability.beta_lower)
     result = solution.result
