@@ -84,6 +84,7 @@ def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
         _find_polygon_faults,
         _find_name_faults,
         _find_number_faults,
+        _find_relation_faults,
         _find_folder_faults,
         _find_survey_faults,
         _find_missing_rates,
@@ -200,7 +201,7 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
 
 
 def _find_number_faults(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: numbers beyond their limits, not in their order, or that do not fit together."""
+    """Faults: numbers beyond their limits or not in their order."""
     for place, value in _walk_values(study):
         field = str(place[-1]) if place else ""
         if isinstance(value, dict) or field not in FIELD_LIMITS | FIELD_ORDERS:
@@ -216,6 +217,10 @@ def _find_number_faults(study: Fields) -> Iterator[tuple[Place, str]]:
             precedes, requirement = FIELD_ORDERS[field]
             if not all(precedes(a, b) for a, b in itertools.pairwise(sizes)):
                 yield place, f"each number has to be {requirement} than the one before it"
+
+
+def _find_relation_faults(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: numbers that do not fit together."""
     fewest = min(study["scenes"][name]["mesh"]["levels"] for name in study["totals"]["scenes"])
     if study["totals"]["levels"] > fewest:
         yield ("totals", "levels"), f"it has to be at most {fewest}, the levels of its scenes"

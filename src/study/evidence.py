@@ -15,7 +15,8 @@ from unilateral.geometry.polygon import find_polygon
 from unilateral.norms.dual import Gram
 
 Tables = Mapping[str, xr.Dataset]
-RELATIVE_ROUNDING = 1e-12
+MAX_ALGEBRAIC_SHARE = 0.01
+"""The algebraic error may be at most this share of the error that is judged."""
 
 
 class Unjudged(Exception):

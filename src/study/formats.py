@@ -22,6 +22,8 @@ from collections.abc import Callable, Iterable, Mapping
 from unilateral.formulas.decimals import format_down, format_up
 
 Value = float | int | str
+DASH = "–"
+"""What readers see where there is no number."""
 SPACES = {"h1": "$H^1$", "hm12": "$H^{-1/2}$", "l2": "$L^2$"}
 ERROR_TITLES = {
     norm: ("$u$" if norm == "h1" else r"$\lambda$") + f" in {space}" for norm, space in SPACES.items()

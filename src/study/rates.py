@@ -19,7 +19,7 @@ import pandas as pd
 import xarray as xr
 
 from study import tables
-from study.tables import ERROR_NORMS, error_in_norm, select_ratio
+from study.tables import ERROR_NORMS, ZERO_ERROR_SHARE, error_in_norm, select_ratio
 from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.formulas.formula import parse_real
@@ -30,7 +30,6 @@ Reasons = tuple[str, ...]
 RATE_INDEX = ["case", "norm", "h_over_H"]
 PAIR_FIELDS = ("h_coarse", "h_fine", "rate", "asymptotic")
 MIN_PAIRS = 3
-ZERO_ERROR_SHARE = 1e-12
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,17 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import eigh
 
+from study.tables import ZERO_ERROR_SHARE
 from unilateral.arrays import Array
 from unilateral.fem.condense import form_matrix
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.dual import Bracket
+from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.fortin import beta_lower_bound, extend_hats
 from unilateral.norms.infsup import InfSup, infsup_constants
 from unilateral.norms.resolution import Resolution, innermost_nodes, resolution
 
-ROUNDING_ERROR_SHARE = 1e-12
-"""An error of at most this fraction of ||u||_1 counts as 0."""
 PAIR_CONSTANTS = (
     "h",
     "h_over_H",
@@ -117,6 +116,18 @@ def cellwise_lower_bound(mesh: Mesh, partition: Partition) -> float:
     return sigma / math.sqrt(abs(W.T @ form_matrix(mesh) @ W).sum(axis=1).max())
 
 
+def bound_multiplier_error(
+    gram: Gram, case_index: int, mean_errors: Array, discrete_error: float
+) -> tuple[float, float]:
+    """The lower and the upper bound on ||lambda - mu||_{-1/2}, for mu constant on the cells of `gram`.
+
+    Lambda is number `case_index` of the functions in `gram`, `mean_errors` (m,) are the means of lambda - mu,
+    and `discrete_error` is ||lambda - mu||_{-1/2,h}, which by its definition is a lower bound, too.
+    """
+    lower, upper = gram.error_bounds(case_index, mean_errors[None])
+    return max(float(lower[0]), discrete_error), float(upper[0])
+
+
 def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
     """Quotients of the sides of Lemmas 3.1 and 4.3 for every run of a scene, with its measured errors.
 
@@ -127,7 +138,7 @@ def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
     """
     beta = errors["beta_upper"]
     upper = errors["hm12_error_upper"]
-    is_known = (beta > 0) & (upper > ROUNDING_ERROR_SHARE * errors["u_norm"])
+    is_known = (beta > 0) & (upper > ZERO_ERROR_SHARE * errors["u_norm"])
     # (4.6): ||lambda - lambda_H||_{-1/2} <= (1 + 1/beta) inf ||lambda - mu||_{-1/2} + ||u - u_h||_1 / beta
     right_side = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
     ratios = {

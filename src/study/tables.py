@@ -40,6 +40,8 @@ VARIABLES: dict[str, list[str]] = read_stored_yaml(resources.files("study") / "v
 
 
 ERROR_NORMS = ("h1", "hm12", "l2")
+ZERO_ERROR_SHARE = 1e-12
+"""An error of at most this fraction of ||u||_1 counts as 0: it is rounding."""
 
 
 def error_in_norm(
@@ -156,6 +158,13 @@ def join_levels(levels: Sequence[xr.Dataset]) -> xr.Dataset:
     for level in levels[1:]:
         table = table.assign(table[common].fillna(level[common]))
     return table
+
+
+def tabulate_levels(rows: Sequence[Mapping[str, float]]) -> xr.Dataset:
+    """The rows as one table over (level), coarse to fine; NaN where a row lacks a name."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
+    return xr.Dataset(values, coords={"level": np.arange(len(rows))})
 
 
 def save_csv(frame: pd.DataFrame, path: str | os.PathLike[str]) -> None:

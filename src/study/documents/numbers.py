@@ -26,7 +26,7 @@ from study.experiments.graded import numbers as graded
 from study.experiments.scenes import numbers as scenes
 from study.experiments.sharpness import numbers as sharpness
 from study.experiments.stability import numbers as stability
-from study.formats import Value
+from study.formats import DASH, Value
 from study.ledger import records, texts
 from study.ledger.records import ORIGINS, source_origin
 from study.table_origin import table_place
@@ -102,7 +102,7 @@ def count_claims(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """How many claims have a check, a margin or neither, and where the required numbers come from."""
     origins = Counter(source_origin(record["source"]) for record in claims if record["source"] is not None)
     counts = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
-    counts["margins"] = sum(texts.describe_margin(record) != texts.NO_NUMBER for record in claims)
+    counts["margins"] = sum(texts.describe_margin(record) != DASH for record in claims)
     return counts | {"thresholds": {name: origins[name] for name in ORIGINS}}
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from study.formats import DASH
 from study.ledger import texts
 from study.ledger.records import verdict_holds
 
@@ -37,11 +38,11 @@ def tabulate_claims(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFr
 def _describe_measurement(record: Mapping[str, Any]) -> str:
     """Quantity, value and margin of a record, and the smallest share its check sees; or a dash."""
     if record["quantity"] is None:
-        return texts.NO_NUMBER
+        return DASH
     margin = texts.describe_margin(record)
     sees = record["sees"]
     phrases = [f"{record['quantity']}: {_format_comparison(texts.describe_observation(record))}"]
-    phrases += [f"margin {margin}"] if margin != texts.NO_NUMBER else []
+    phrases += [f"margin {margin}"] if margin != DASH else []
     phrases += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
     return "; ".join(phrases).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 

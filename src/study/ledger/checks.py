@@ -69,12 +69,9 @@ def worst(
         values, counts = xr.broadcast(values.where(counts), counts)
         row_dims = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
         row_values = values.min(row_dims) if smallest else values.max(row_dims)
+        worst_by_row = name_values(row_values, rows, scene or name)
         counted = name_values(counts.any(row_dims), rows, scene or name)
-        named |= {
-            row: number
-            for row, number in name_values(row_values, rows, scene or name).items()
-            if counted[row] or not left_out
-        }
+        named |= {row: worst_by_row[row] for row in worst_by_row if counted[row] or not left_out}
     return evidence.pick_worst(named, quantity, required, smallest)
 
 

@@ -7,10 +7,10 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from study.formats import DASH
 from study.ledger.records import MAX_TOLD_MARGIN, format_margin
 
 ZERO_OBSERVATION = 1e-12
-NO_NUMBER = "–"
 TEX_LETTERS = {
     r"\frac12": "1/2 ", r"\partial ": "∂", r"\lambda": "λ", r"\mu": "μ", r"\beta": "β", r"\rho": "ρ",
     r"\sigma": "σ", r"\alpha": "α", r"\varepsilon": "ε", r"\Pi": "Π", r"\langle": "<", r"\rangle": ">",
@@ -46,7 +46,7 @@ def describe_observation(record: Mapping[str, Any]) -> str:
     Three digits, but none of what is round-off, or eleven times what is required.
     """
     if record["observed"] is None:
-        return NO_NUMBER
+        return DASH
     value = record["observed"]
     is_far = abs(record["margin"]) >= MAX_TOLD_MARGIN
     number = "much more" if is_far else f"{value:.3g}"
@@ -56,7 +56,7 @@ def describe_observation(record: Mapping[str, Any]) -> str:
 def describe_margin(record: Mapping[str, Any]) -> str:
     """The margin of a record; a dash if there is none, or 0 is required, to which nothing is relative."""
     is_finite = record["margin"] is not None and math.isfinite(record["margin"])
-    return format_margin(record["margin"]) if is_finite and required_number(record) != 0 else NO_NUMBER
+    return format_margin(record["margin"]) if is_finite and required_number(record) != 0 else DASH
 
 
 def required_number(record: Mapping[str, Any]) -> float | None:

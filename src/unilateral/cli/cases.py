@@ -199,21 +199,21 @@ def _describe_on_polygon(solution: ExactSolution, certificate: CaseCertificate) 
         yield "  u is like r^({exponent}) at ({x:.6g}, {y:.6g})".format(**power)
     contact_set = make_polygon_record(solution, certificate)["contact"]
     for side, (gap, flux) in enumerate(zip(texts["gap"], texts["lambda"], strict=True)):
-        (a, b) = polygon.point(side, 0)
-        (c, d) = polygon.point(side, 1)
+        ends = ["({:.6g}, {:.6g})".format(*polygon.point(side, t)) for t in (0, 1)]
         intervals = [interval for interval in contact_set if interval["side"] == side]
         is_clamped = side in solution.clamped_sides
-        if is_clamped:
-            kind = "clamped: u is given there"
-        elif len(intervals) > MAX_PRINTED_INTERVALS:
-            kind = f"contact on {len(intervals)} intervals"
-        else:
-            ends = ["{start:.6g} to {end:.6g}".format(**interval) for interval in intervals]
-            kind = f"contact {', '.join(ends) or 'none'}"
-        yield f"  side {side}, ({a:.6g}, {b:.6g}) to ({c:.6g}, {d:.6g}), {kind}"
+        kind = "clamped: u is given there" if is_clamped else f"contact {_list_intervals(intervals)}"
+        yield f"  side {side}, {' to '.join(ends)}, {kind}"
         if has_formulas and not is_clamped:
             yield f"    g = {'u' if gap == '0' else f'u - ({gap})'}"
             yield f"    lambda = {flux if intervals else 0}"
+
+
+def _list_intervals(intervals: list[dict[str, float]]) -> str:
+    """The ends of the intervals, or their number if there are many."""
+    if len(intervals) > MAX_PRINTED_INTERVALS:
+        return f"on {len(intervals)} intervals"
+    return ", ".join("{start:.6g} to {end:.6g}".format(**interval) for interval in intervals) or "none"
 
 
 def case_regularity(solution: ExactSolution) -> dict[str, bool]:

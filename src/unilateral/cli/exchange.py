@@ -17,7 +17,12 @@ from unilateral.errors import InputError, pluralise
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.equation_residual import FORM_AND_NORM_NAMES
-from unilateral.exchange.exported_folder import read_exported_folder, read_foreign_solution
+from unilateral.exchange.exported_folder import (
+    ExportedLevel,
+    ForeignSolution,
+    read_exported_folder,
+    read_foreign_solution,
+)
 from unilateral.exchange.score import Rate, ScoredSolution
 from unilateral.formulas.expression import ZERO
 from unilateral.geometry.partition import make_uniform_partition
@@ -69,23 +74,8 @@ def run_score(
     if html is not None:
         check_target(html, PAGE_ENDINGS)
     case, levels = read_exported_folder(folder)
-    if multipliers and len(multipliers) != len(solutions):
-        raise InputError(
-            f"--multiplier is given {pluralise(len(multipliers), 'time')} for "
-            f"{pluralise(len(solutions), 'solution')}; repeat it for each solution"
-        )
-    foreign_solutions = [
-        read_foreign_solution(levels, *files) for files in zip_longest(solutions, multipliers)
-    ]
-    first_on: dict[str, str] = {}
-    for solution in foreign_solutions:
-        first = first_on.setdefault(solution.level.name, solution.file)
-        if first is not solution.file:
-            raise InputError(
-                f"{solution.file}: it is on {solution.level.name}, as {first} is; hand in one solution for "
-                "each level"
-            )
-    scored = [scores.score_solution(case, solution) for solution in foreign_solutions]
+    handed_in = _read_solutions(levels, solutions, multipliers)
+    scored = [scores.score_solution(case, solution) for solution in handed_in]
     rates = scores.compute_rates(case, scored)
     verdict = scores.state_verdict(scored, rates)
     if html is not None:
@@ -114,6 +104,30 @@ def run_score(
         if html is not None:
             print_result(f"  written: {html}, {format_file_size(html)}")
     return 0 if scores.passes_judgement(scored, rates) else EXIT_REJECTED
+
+
+def _read_solutions(
+    levels: list[ExportedLevel], solutions: Sequence[str], multipliers: Sequence[str]
+) -> list[ForeignSolution]:
+    """The solutions in these files, with the multipliers, if any, in those.
+
+    Raises InputError where not every solution has a multiplier's file, and for two solutions on one level.
+    """
+    if multipliers and len(multipliers) != len(solutions):
+        raise InputError(
+            f"--multiplier is given {pluralise(len(multipliers), 'time')} for "
+            f"{pluralise(len(solutions), 'solution')}; repeat it for each solution"
+        )
+    handed_in = [read_foreign_solution(levels, *files) for files in zip_longest(solutions, multipliers)]
+    first_on: dict[str, str] = {}
+    for solution in handed_in:
+        first = first_on.setdefault(solution.level.name, solution.file)
+        if first is not solution.file:
+            raise InputError(
+                f"{solution.file}: it is on {solution.level.name}, as {first} is; hand in one solution for "
+                "each level"
+            )
+    return handed_in
 
 
 def _make_score_record(scored_solution: ScoredSolution) -> dict[str, Any]:

@@ -90,18 +90,23 @@ def describe_problem(problem: Problem) -> Iterator[str]:
     if not problem.contact_sides:
         yield f"  contact     {LINEAR_PROBLEM_NOTE}"
     if problem.u_lower_bound > -np.inf:
-        # rounding of 0 is relative to u on clamped sides, or to f / c
-        size = abs(problem.u_lower_bound) if problem.clamped_sides else largest
-        c = as_float(problem.c) if problem.c != ZERO else 1.0
-        bound_text = format_bound(problem.u_lower_bound, size / c, format_down)
-        reason = "as f >= 0"
-        if problem.c != ZERO:
-            reason = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
-        yield f"  guaranteed  u >= {bound_text}, {reason}, rounding included"
+        yield f"  guaranteed  u >= {_describe_lower_bound(problem, largest)}, rounding included"
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
         yield f"  no contact  on {sides} {', '.join(map(str, idle))}, where g is below this bound"
+
+
+def _describe_lower_bound(problem: Problem, largest_f: float) -> str:
+    """The lower bound on u, which is finite, and its reason."""
+    # rounding of 0 is relative to u on clamped sides, or to f / c
+    size = abs(problem.u_lower_bound) if problem.clamped_sides else largest_f
+    c = as_float(problem.c) if problem.c != ZERO else 1.0
+    bound_text = format_bound(problem.u_lower_bound, size / c, format_down)
+    if problem.c == ZERO:
+        return f"{bound_text}, as f >= 0"
+    on_clamped = " and u on clamped sides" * bool(problem.clamped_sides)
+    return f"{bound_text}, a lower bound on inf f / c{on_clamped}"
 
 
 def _describe_condition(problem: Problem, side: int) -> str:
@@ -138,6 +143,7 @@ def format_bound(bound: float, largest: float, round_outward: Callable[[float, s
     `round_outward` rounds it down or up to 12 digits. The rounding of 0 is shown as 0 or as a power of ten.
     """
     if 0 < abs(bound) <= RELATIVE_VALUE_ROUNDING * largest:
+        # 0 is still a bound if it lies outward: above a negative upper one, below a positive lower one
         towards_0 = (bound < 0) == (round_outward is format_up)
         bound = (
             0.0
@@ -174,20 +180,8 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     from unilateral.solution.plot_domain import CLAMPED_SIDE_STYLE
 
     polygon = problem.polygon
-    v = problem.polygon.vertices
-    grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS_PER_SIDE).T)
-    inside = polygon.contains(np.stack(grid, axis=-1))
-    with np.errstate(all="ignore"):  # f need not be defined outside
-        f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
-    f_min = float(np.nanmin(f))
-    f_max = float(np.nanmax(f))
-    # a constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
-    margin = 0.0 if f_min < f_max else abs(f_min) or 1.0
-    look: Any = {"vmin": f_min - margin, "vmax": f_max + margin, "shading": "nearest", "alpha": 0.6}
-    field = axes.pcolormesh(*grid, f, rasterized=True, **look)
-    bar = axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
-    if margin:
-        bar.set_ticks([f_min], labels=[f"{f_min:.4g}".replace("-", "−")])
+    v = polygon.vertices
+    _draw_source(axes, problem)
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
         clamped = side in problem.clamped_sides
@@ -200,6 +194,24 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     axes.use_sticky_edges = False
     axes.margins(0.12)
     axes.set(aspect="equal", xlabel="x", ylabel="y", title=title)
+
+
+def _draw_source(axes: Axes, problem: Problem) -> None:
+    """Draws f in colours, with their bar."""
+    v = problem.polygon.vertices
+    grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS_PER_SIDE).T)
+    inside = problem.polygon.contains(np.stack(grid, axis=-1))
+    with np.errstate(all="ignore"):  # f need not be defined outside
+        f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
+    f_min = float(np.nanmin(f))
+    f_max = float(np.nanmax(f))
+    # a constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
+    margin = 0.0 if f_min < f_max else abs(f_min) or 1.0
+    look: Any = {"vmin": f_min - margin, "vmax": f_max + margin, "shading": "nearest", "alpha": 0.6}
+    field = axes.pcolormesh(*grid, f, rasterized=True, **look)
+    bar = axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
+    if margin:
+        bar.set_ticks([f_min], labels=[f"{f_min:.4g}".replace("-", "−")])
 
 
 def _side_style(problem: Problem, side: int) -> dict[str, Any]:

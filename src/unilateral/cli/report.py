@@ -74,25 +74,10 @@ def format_result(
     `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` are
     words on a lambda_H that may not be unique, else empty.
     """
-    steps = "" if _is_unknown(record["iterations"]) else f", after {pluralise(record['iterations'], 'step')}"
-    outcome = "converged" if record["converged"] else "NOT converged"
-    unique = record["unique"]
-    algebraic = add_guarantee(
-        f"algebraic error {format_interval(-math.inf, record['algebraic_bound'], spec=NUMBER_FORMAT)}",
-        -math.inf,
-        record["algebraic_bound"],
-    )
     rows = {"unknowns": f"{record['unknowns']} and {pluralise(record['multipliers'], 'multiplier')}"}
-    if not record["foreign"]:
-        rows[f"{record['algorithm']} {outcome}"] = algebraic + steps
-    if record["multipliers"] and not _is_unknown(record["hm12_algebraic_bound"]):
-        # ||mu||_-1/2 <= ||mu||_-1/2,h / beta, by (3.4)
-        bound = record["hm12_algebraic_bound"]
-        bound_text = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
-        beta_text = f"as beta >= {format_down(record['beta'], '.3f')}"
-        rows["that of lambda_H"] = f"{add_guarantee(bound_text, -math.inf, bound)}, {beta_text}"
+    rows |= _algorithm_rows(record)
     if not _is_unknown(record["h1_error"]):
-        rows |= _true_error_rows(record, unique, name_errors(problem))
+        rows |= _true_error_rows(record, record["unique"], name_errors(problem))
     if bounds is not None:
         label = "guaranteed" if bounds.u < math.inf else "error of u"
         rows[label] = _format_error_bound("h1", bounds.u, norms_below["h1"], problem)
@@ -111,6 +96,25 @@ def format_result(
         rows["lambda_H"] = nonuniqueness
     rows["time and memory"] = f"{record['seconds']:.2f} s, {record['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
+
+
+def _algorithm_rows(record: dict[str, Any]) -> dict[str, str]:
+    """The rows of the algorithm, with its algebraic error in the norm of u, and of that of lambda_H."""
+    rows = {}
+    if not record["foreign"]:
+        bound = record["algebraic_bound"]
+        error = f"algebraic error {format_interval(-math.inf, bound, spec=NUMBER_FORMAT)}"
+        steps = record["iterations"]
+        after = "" if _is_unknown(steps) else f", after {pluralise(steps, 'step')}"
+        outcome = "converged" if record["converged"] else "NOT converged"
+        rows[f"{record['algorithm']} {outcome}"] = add_guarantee(error, -math.inf, bound) + after
+    if record["multipliers"] and not _is_unknown(record["hm12_algebraic_bound"]):
+        # ||mu||_-1/2 <= ||mu||_-1/2,h / beta, by (3.4)
+        bound = record["hm12_algebraic_bound"]
+        error = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
+        beta_text = f"as beta >= {format_down(record['beta'], '.3f')}"
+        rows["that of lambda_H"] = f"{add_guarantee(error, -math.inf, bound)}, {beta_text}"
+    return rows
 
 
 def _format_error_bound(norm: str, bound: float, norm_below: float, problem: Problem) -> str:

@@ -17,7 +17,7 @@ from unilateral import api
 from unilateral.adaptive import loop
 from unilateral.adaptive.goal import DEFAULT_ACCURACY, GOAL_NORMS
 from unilateral.adaptive.level import Level
-from unilateral.adaptive.loop import BOUNDS_WITHDRAWN
+from unilateral.adaptive.loop import BOUNDS_WITHDRAWN, Search
 from unilateral.certificates.export import CERTIFICATE_ENDINGS, find_checker
 from unilateral.certificates.statement import state_problem
 from unilateral.cli.guard import EXIT_NOT_CONVERGED, print_message, print_result
@@ -79,6 +79,7 @@ def run_solve(options: SimpleNamespace) -> int:
     problem = _read_problem(options)
     if options.certificate:
         state_problem(problem)  # refuses what a certificate cannot state
+    stop_options = {name: getattr(options, name) for name in ("tolerance", "max_steps", "algorithm", "rho")}
     solution = api.solve(
         problem,
         options.h,
@@ -86,12 +87,7 @@ def run_solve(options: SimpleNamespace) -> int:
         options.accuracy,
         norm=options.norm,
         mesh=_read_mesh_or_kind(options.mesh, problem),
-        stop=Stop(
-            tolerance=options.tolerance,
-            max_steps=options.max_steps,
-            algorithm=options.algorithm,
-            rho=options.rho,
-        ),
+        stop=Stop(**stop_options),
         max_unknowns=options.max_unknowns,
         max_seconds=options.max_seconds,
         max_memory=options.max_memory,
@@ -195,22 +191,13 @@ def report_solution(
     no accuracy was asked for. Seconds count from `begin` on.
     """
     search = solution.search
-    solved = solution.solved
-    problem = solution.problem
-    refusal = explain_memory_shortage(solution, sharp)
     bounds = None
-    if refusal:
+    if refusal := explain_memory_shortage(solution, sharp):
         print_message(refusal)
     else:
         bounds = solution.sharp_bounds if sharp else solution.bounds
     if search:
-        if search.refusal is not None:
-            print_message(search.refusal)
-        withdrawn = len(search.levels) - len(search.believed)
-        if withdrawn:
-            print_message(f"{pluralise(withdrawn, 'bound')} {BOUNDS_WITHDRAWN}")
-        if not json:
-            print_result(describe_ending(search, problem))
+        _print_ending(search, solution.problem, json)
     # true errors and forces take long, and Ctrl-C after a search leaves them out
     errors = None
     forces = []
@@ -231,33 +218,56 @@ def report_solution(
         "peak_mb": peak_mb(),
     }
     doubt = "" if solution.unique else explain_nonuniqueness(solution.mesh, is_user_mesh)
-    if doubt:
-        print_message(f"lambda_H {doubt}")
-    is_certified = search is not None and solution.certified
-    if bounds and not (sharp or is_certified) and (flat := explain_flat_triangles(solution.bounded)):
-        print_message(flat)
-    if not (search or solution.converged):
-        print_message(explain_nonconvergence(solved))
-    if reason := explain_dominant_lift(solution):
-        print_message(reason)
+    _print_shortfalls(solution, doubt, bounds is not None and not sharp)
     if json:
         print_result(json_records.encode_json(record))
         return record, interrupted
-    if not search:
+    _print_norms(solution, record)
+    norms_below = {
+        norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in GOAL_NORMS
+    }
+    print_result(format_result(record, bounds, norms_below, forces, doubt, solution.problem))
+    if bounds and not (search or errors or solution.solved.is_foreign) and is_too_coarse(solution, bounds):
+        print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
+    return record, interrupted
+
+
+def _print_ending(search: Search, problem: Problem, json: bool) -> None:
+    """Print what a search refused or withdrew and, unless `json` is printed, how it ended."""
+    if search.refusal is not None:
+        print_message(search.refusal)
+    withdrawn = len(search.levels) - len(search.believed)
+    if withdrawn:
+        print_message(f"{pluralise(withdrawn, 'bound')} {BOUNDS_WITHDRAWN}")
+    if not json:
+        print_result(describe_ending(search, problem))
+
+
+def _print_shortfalls(solution: Solution, doubt: str, has_cheap_bounds: bool) -> None:
+    """Print what a solution lacks: `doubt` on its lambda_H, flat triangles, convergence, a feasible u_h."""
+    if doubt:
+        print_message(f"lambda_H {doubt}")
+    # flat triangles make the cheap bound large; where it certifies the accuracy that is no matter
+    is_certified = solution.search is not None and solution.certified
+    if has_cheap_bounds and not is_certified and (flat := explain_flat_triangles(solution.bounded)):
+        print_message(flat)
+    if not (solution.search or solution.converged):
+        print_message(explain_nonconvergence(solution.solved))
+    if reason := explain_dominant_lift(solution):
+        print_message(reason)
+
+
+def _print_norms(solution: Solution, record: dict[str, Any]) -> None:
+    """Print the head of a solve without a search, whose u it is, and what ||.||_1 means for its k and c."""
+    problem = solution.problem
+    if not solution.search:
         print_result(format_head(record))
-    if solved.is_foreign:
+    if solution.solved.is_foreign:
         print_result(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
     if problem.c == ZERO:
         print_result(f"  {WITHOUT_REACTION.format(name_energy_norm(problem, 'v'))}")
     elif not problem.k == problem.c == ONE:
         print_result(f"  {NORMS_WITH_COEFFICIENTS}")
-    norms_below = {
-        norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in GOAL_NORMS
-    }
-    print_result(format_result(record, bounds, norms_below, forces, doubt, problem))
-    if bounds and not (search or errors or solved.is_foreign) and is_too_coarse(solution, bounds):
-        print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
-    return record, interrupted
 
 
 def is_too_coarse(solution: Solution, bounds: Bounds) -> bool:

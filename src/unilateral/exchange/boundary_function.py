@@ -146,6 +146,7 @@ def obstacle_at_nodes(case: Problem, mesh: Mesh) -> Array:
     before = np.flatnonzero(~has_contact & np.roll(has_contact, 1))
     side = np.where(has_contact, mesh.side, previous_side)
     s = mesh.s[:-1].copy()
+    # node 0 is the end of the last edge at s = perimeter, the last entry of mesh.s
     s[before] = mesh.s[np.where(before == 0, nb, before)]
     clamped = Form(clamped=case.clamped_sides).clamped_nodes(mesh)[mesh.boundary]
     nodes = np.flatnonzero((has_contact | np.roll(has_contact, 1)) & ~clamped)

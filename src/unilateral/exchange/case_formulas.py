@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
+from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -57,29 +58,26 @@ def derive_case_formulas(
     """
     sides = range(case.polygon.n_sides)
     atoms = [atom for atom in case.atoms if isinstance(atom, ClosedAtom)]
-    if len(atoms) < len(case.atoms):
+    if len(atoms) < len(case.atoms):  # a Cantor atom is a sum without end
         per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
         return {"u": None, "f": None, "grad_u": [None, None], **per_side}
-    # u is the sum of its atoms, f = -Delta u + u, lambda = grad u . n
-    u = sum((_atom_value(atom) for atom in atoms), ZERO)
-    f = sum((_atom_source(atom) for atom in atoms), ZERO)
-    gradient = [sum((_atom_derivative(atom, direction) for atom in atoms), ZERO) for direction in np.eye(2)]
-    flux = [sum((_atom_derivative(atom, normal) for atom in atoms), ZERO) for normal in case.polygon.normals]
-    flux = [ZERO if i in case.clamped_sides else flux[i] for i in sides]
-    gap = []
-    for i in sides:
-        # t = (x - a) . tangent / length, the arc length from the side's start over the side's length
-        (a, b) = _as_fractions(case.polygon.vertices[i])
-        (p, q) = _as_fractions(case.polygon.tangents[i])
-        t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[i])
-        gap.append(_substitute(case.gaps[i], {"t": t}))
+    write = partial(_write_formula, coordinates=coordinates)
+    # u is the sum of its atoms, f = -Delta u + u, or -Delta u if c = 0, and lambda = grad u . n
+    u = sum(map(_atom_value, atoms), ZERO)
+    source = sum(map(_atom_source, atoms), ZERO)
+    f = source if case.c else source - u
+    gaps = [_side_gap(case, side) for side in sides]
+    fluxes = [
+        ZERO if side in case.clamped_sides else _differentiate_sum(atoms, case.polygon.normals[side])
+        for side in sides
+    ]
     return {
-        "u": _write_formula(u, coordinates),
-        "f": _write_formula(f if case.c else f - u, coordinates),  # -Delta u if c = 0
-        "grad_u": [_write_formula(slope, coordinates) for slope in gradient],
-        "g": [_write_formula(u - side_gap, coordinates) for side_gap in gap],
-        "gap": [_write_formula(side_gap, coordinates) for side_gap in gap],
-        "lambda": [_write_formula(side_flux, coordinates) for side_flux in flux],
+        "u": write(u),
+        "f": write(f),
+        "grad_u": [write(_differentiate_sum(atoms, axis)) for axis in np.eye(2)],
+        "g": [write(u - gap) for gap in gaps],
+        "gap": list(map(write, gaps)),
+        "lambda": list(map(write, fluxes)),
     }
 
 
@@ -147,6 +145,20 @@ def _substitute(formula: Expression, values: Mapping[str, Expression]) -> Expres
     return FormulaEvaluation((formula,), {Primitive(name): value for name, value in values.items()}).evaluate(
         formula
     )
+
+
+def _side_gap(case: ExactSolution, side: int) -> Expression:
+    """The gap u - g on a side, in x and y; the case has it in t."""
+    # t = (x - a) . tangent / length, the arc length from the side's start over the side's length
+    (a, b) = _as_fractions(case.polygon.vertices[side])
+    (p, q) = _as_fractions(case.polygon.tangents[side])
+    t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[side])
+    return _substitute(case.gaps[side], {"t": t})
+
+
+def _differentiate_sum(atoms: Iterable[ClosedAtom], direction: Array) -> Expression:
+    """The derivative of the sum of some atoms in a direction."""
+    return sum((_atom_derivative(atom, direction) for atom in atoms), ZERO)
 
 
 def _atom_value(atom: ClosedAtom) -> Expression:

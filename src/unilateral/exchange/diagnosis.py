@@ -17,6 +17,7 @@ from unilateral.discrete.condensed import CondensedProblem
 from unilateral.exchange.boundary_function import BoundaryFunction, piecewise_constant, represent_reactions
 from unilateral.exchange.discrete_conditions import (
     ZERO_VALUE_RATIO,
+    Conditions,
     list_arc_length_shifts,
     list_conditions,
     list_mistaken_conditions,
@@ -76,37 +77,48 @@ def diagnose_solution(
     if holds and all(fault.is_explained for fault in boundary_faults):
         return Diagnosis(boundary_faults, remarks)
     # 3. else, or if something is unexplained: bugs of the equation without which nothing unexplained is left
-    explanations = [
-        [
-            repair.fault,
-            *_diagnose_boundary(case, mu and repair.repair_multiplier(mu), repair.residual, reference_errors),
-        ]
-        for repair in list_repairs(case, residual, max_residual)
-        if mu is not None or not repair.needs_multiplier
-    ]
-    explanations = [
-        explanation for explanation in explanations if all(fault.is_explained for fault in explanation)
-    ]
-    # of several such bugs those that need the fewest further ones
-    if explanations:
-        fewest = min(map(len, explanations))
-        best = [explanation for explanation in explanations if len(explanation) == fewest]
-        return Diagnosis([merge_alternatives([explanation[0] for explanation in best]), *best[0][1:]], [])
+    if explanation := _explain_by_bugs(case, mu, residual, reference_errors):
+        return Diagnosis(explanation, [])
     if holds:
         return Diagnosis(boundary_faults, remarks)
     # 4. else what is left inside is unexplained, unless the nodes are renumbered
     if renumbering := find_renumbering(case, residual, u_h):
         faults = [renumbering]
     else:
-        x, y = residual.find_worst_place()
-        fault = describe_unknown_fault(
-            "the equation does not hold inside the domain",
-            "the linear solve stopped too early, the load is another one, or u is not meant as P1",
-            f"the residual is {residual.interior_norm:.2g} in {residual.names[1]}, "
-            f"and largest at ({x:g}, {y:g})",
-        )
-        faults = [fault, *find_clamped_fault(residual, max_residual)]
+        faults = [_describe_residual(residual), *find_clamped_fault(residual, max_residual)]
     return Diagnosis([*faults, *_diagnose_sign(mu, residual, reference_errors)], [])
+
+
+def _explain_by_bugs(
+    case: Problem, mu: BoundaryFunction | None, residual: Residual, reference_errors: Errors
+) -> list[Fault]:
+    """A bug of the equation and the known ones that are left without it; empty if no bug explains all.
+
+    Of several such bugs those that need the fewest further ones are one fault, joined by "or".
+    """
+    explanations = []
+    for repair in list_repairs(case, residual, MAX_RESIDUAL_SHARE * reference_errors.h1):
+        if mu is None and repair.needs_multiplier:
+            continue
+        repaired_mu = mu and repair.repair_multiplier(mu)
+        others = list(_diagnose_boundary(case, repaired_mu, repair.residual, reference_errors))
+        if all(fault.is_explained for fault in (repair.fault, *others)):
+            explanations.append((repair.fault, others))
+    if not explanations:
+        return []
+    fewest = min(len(others) for _, others in explanations)
+    best = [(bug, others) for bug, others in explanations if len(others) == fewest]
+    return [merge_alternatives([bug for bug, _ in best]), *best[0][1]]
+
+
+def _describe_residual(residual: Residual) -> Fault:
+    """The fault that the equation does not hold inside, for no reason that is known."""
+    x, y = residual.find_worst_place()
+    return describe_unknown_fault(
+        "the equation does not hold inside the domain",
+        "the linear solve stopped too early, the load is another one, or u is not meant as P1",
+        f"the residual is {residual.interior_norm:.2g} in {residual.names[1]}, and largest at ({x:g}, {y:g})",
+    )
 
 
 def _diagnose_boundary(
@@ -125,37 +137,35 @@ def _diagnose_boundary(
         yield from _diagnose_conditions(case, mu, residual, max_residual)
         return
     # ways in which mu may have been meant, by which it fits; Uzawa's step only where there is no other one
-    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * misfit)
     readings = list(list_readings(mu, residual.discrete.mesh, expected_load))
-    fitting = [
-        candidate
-        for candidate in readings
-        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
-    ] or [
-        candidate
-        for candidate in read_as_uzawa_step(case, mu, residual, expected_load)
-        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
-    ][:1]
-    if fitting:
+    uzawa_steps = read_as_uzawa_step(case, mu, residual, expected_load)
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * misfit)
+
+    def fits(candidate: MultiplierReading) -> bool:
+        """Whether hardly anything of the misfit is left."""
+        return residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
+
+    if fitting := [*filter(fits, readings)] or [*filter(fits, uzawa_steps)][:1]:
+        reading = fitting[0]
         yield merge_alternatives(
             [Fault(candidate.fault, "read in this way it fits u's equation") for candidate in fitting]
         )
-        reading = fitting[0]
     else:
-        # the first reading that fits up to a factor
-        fits = (
-            (candidate, residual.fit_multiple(candidate.load, expected_load))
-            for candidate in (literal, *readings)
-        )
-        reading = next(
-            (candidate for candidate, fit in fits if fit.scaled_distance < abs(fit.factor) * max_residual),
-            literal,
-        )
-        yield from _diagnose_scale(
-            reading.fault, residual.fit_multiple(reading.load, expected_load), max_residual, *residual.names
-        )
+        reading, fit = _find_multiple([literal, *readings], residual, expected_load, max_residual)
+        yield from _diagnose_scale(reading.fault, fit, max_residual, *residual.names)
     if reading.mu is not None:
         yield from _diagnose_conditions(case, reading.mu, residual, max_residual)
+
+
+def _find_multiple(
+    readings: list[MultiplierReading], residual: Residual, expected_load: Array, max_residual: float
+) -> tuple[MultiplierReading, LoadFit]:
+    """The first of the readings that fits u's equation up to a factor, else the first; and its fit."""
+    fits = [residual.fit_multiple(reading.load, expected_load) for reading in readings]
+    for reading, fit in zip(readings, fits, strict=True):
+        if fit.scaled_distance < abs(fit.factor) * max_residual:
+            return reading, fit
+    return readings[0], fits[0]
 
 
 def _max_boundary_residual(residual: Residual, reference_errors: Errors) -> float:
@@ -215,16 +225,22 @@ def _diagnose_sign(
 def _diagnose_conditions(
     case: Problem, mu: BoundaryFunction, residual: Residual, max_residual: float
 ) -> Iterator[Fault]:
-    """The fault of the conditions that u has, if it has none of those that belong to mu."""
-    # ||u - w|| = ||lambda_u - lambda_w||_{-1/2,h} for the solution w with the conditions, less w's error
+    """The fault of the conditions that u has, if it is not within `max_residual` of any solution for mu."""
+
+    def measure_distance(conditions: Conditions, tolerance: float) -> tuple[float, float]:
+        """||u - w|| for the solution w with these conditions, and a bound on the error of the computed w."""
+        # ||u - w|| = ||lambda_u - lambda_w||_{-1/2,h}, as the equation holds inside for both
+        condensed = residual.discrete.spaces.condensed
+        load, bound = conditions.multiplier_load(condensed, residual.unconstrained_trace, tolerance)
+        return residual.boundary_dual_norm(residual.boundary_load - load), bound
+
     correct = []
     distances = {}
     for conditions in list_conditions(case, residual.discrete, mu):
         correct.append(conditions)
-        load, bound = conditions.multiplier_load(
-            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_residual
-        )
-        distances[conditions.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
+        # the error of w is taken off: u is blamed only for what is surely wrong
+        computed, bound = measure_distance(conditions, max_residual)
+        distances[conditions.description] = computed - bound
         if distances[conditions.description] <= max_residual:
             return
     nearest = min(distances, key=lambda description: distances[description])
@@ -236,10 +252,7 @@ def _diagnose_conditions(
     for description, conditions in list_mistaken_conditions(
         case, residual.discrete, mu, correct, residual.u[residual.discrete.mesh.boundary]
     ):
-        load, bound = conditions.multiplier_load(
-            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_distance
-        )
-        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= max_distance:
+        if sum(measure_distance(conditions, max_distance)) <= max_distance:
             descriptions.add(description)
     if descriptions:
         yield merge_alternatives([Fault(description, measured) for description in sorted(descriptions)])

@@ -128,24 +128,26 @@ def list_conditions(case: Problem, discrete: CondensedProblem, mu: BoundaryFunct
         yield _make_cell_conditions(case, mesh, mu.partition, mu)
         return
     # nodal: u >= g at the nodes, with the multiplier <mu, phi_j> / <1, phi_j>
-    contact_edges = has_obstacle(case, mesh.side)
     g = obstacle_at_nodes(case, mesh)
     constrained = np.isfinite(g)
-    mass = boundary_mass(mesh, contact_edges)
+    mass = boundary_mass(mesh, has_obstacle(case, mesh.side))
     weights = np.asarray(mass.sum(axis=1))
-    s = mesh.s[:-1]
     lumped = np.divide(mu.load(mesh), weights, where=constrained, out=np.zeros(len(g)))
-    nodal = sp.diags_array(weights).tocsr()
-    yield Conditions("at the nodes", nodal, weights, g, s, lumped).select_rows(constrained)
-    # mortar: integrals of (u - g) phi_j over the edges with an obstacle
+    nodal = Conditions("at the nodes", sp.diags_array(weights).tocsr(), weights, g, mesh.s[:-1], lumped)
+    yield nodal.select_rows(constrained)
+    # mortar: the integrals of (u - g) phi_j over the edges with an obstacle, scaled as means of u - g
+    moments = np.divide(_obstacle_load(case, mesh), weights, where=constrained, out=np.zeros(len(g)))
+    hats = "tested against each hat function"
+    mortar = Conditions(hats, mass, weights, moments, mesh.s[:-1], mu.nodal_values)
+    yield mortar.select_rows(constrained)
+
+
+def _obstacle_load(case: Problem, mesh: Mesh) -> Array:
+    """<g, phi_j> (nb,) over the edges with an obstacle; g is the exact u less the exact gap."""
     exact = case.known_solution()
     rule = boundary_rule(mesh.polygon, mesh.s, exact.singular_points())
     u, _, gap = exact.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
-    load = hat_load(mesh, rule, (u - gap) * contact_edges[rule.interval])
-    moments = np.divide(load, weights, where=constrained, out=np.zeros(len(g)))
-    yield Conditions(
-        "tested against each hat function", mass, weights, moments, s, mu.nodal_values
-    ).select_rows(constrained)
+    return hat_load(mesh, rule, (u - gap) * has_obstacle(case, mesh.side)[rule.interval])
 
 
 def _make_cell_conditions(

@@ -178,7 +178,7 @@ def _try_swapped_axes(residual: Residual, max_residual: float) -> Iterator[Repai
 
 def find_clamped_fault(residual: Residual, max_error: float) -> Iterator[Fault]:
     """The fault that u is not u_D on clamped sides, if that alone is an error above `max_error` in H1."""
-    # the energy would be no measure: if c = 0, constants have none
+    # measured in H1 for any c: in |.|_1, the norm for c = 0, a u that is wrong by a constant has no error
     discrete = residual.discrete
     condensed = residual.discrete.spaces.condensed
     mesh = discrete.mesh
@@ -209,6 +209,7 @@ def _describe_clamped_values(residual: Residual, edges: Mask, max_residual: floa
     A = residual.discrete.spaces.condensed.A
     inner = mesh.boundary[(edges & np.roll(edges, 1))]
     every = mesh.boundary[(edges | np.roll(edges, 1))]
+    # |(f, phi_j) - (u, phi_j)_1| / ||phi_j||: where u was left free, each free node has its equation
     forces = subtract_lift_from_load(
         mesh, Form(c=residual.discrete.form.c), residual.load, residual.u
     ) / np.sqrt(A.diagonal())

@@ -89,6 +89,7 @@ def export_case(case: Problem, coarse: Mesh, H: float, levels: int, folder: str 
 
 
 def _write_folder(case: Problem, coarse: Mesh, H: float, levels: int, folder: Path) -> None:
+    """Write all files; both sizes are halved from level to level, so that h/H is the same on all."""
     sizes = []
     for k in range(levels):
         mesh = refine_uniformly(coarse, k)

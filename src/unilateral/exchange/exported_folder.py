@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -165,23 +165,29 @@ def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple
     counts = [far.sum() + len(nodes) for far, nodes in zip(too_far, absent, strict=True)]
     best = int(np.argmin(counts))
     level = levels[best]
-    far = np.flatnonzero(too_far[best])
-    missing = absent[best]
-    if far.size:
+    distance, node = near[best]
+    if too_far[best].any():
         # two coordinates, each with an error of one unit at most
-        is_rounding = near[best][0].max() <= math.sqrt(2) * unit
-        advice = ", or write places with more digits" if is_rounding else ""
+        is_rounding = distance.max() <= math.sqrt(2) * unit
+        _refuse_other_mesh(level, points, np.flatnonzero(too_far[best]), is_rounding, file)
+    if absent[best].size:
         raise InputError(
-            f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of "
-            f"{level.name}, the nearest one, the first at {_first_place(points, far)}; "
-            f"solve on that mesh{advice}"
+            f"{file}: {absent[best].size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, "
+            f"the first at {_first_place(level.mesh.points, absent[best])}; u is needed at all of them"
         )
-    if missing.size:
-        raise InputError(
-            f"{file}: {missing.size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, "
-            f"the first at {_first_place(level.mesh.points, missing)}; u is needed at all of them"
-        )
-    return level, near[best][1]
+    return level, node
+
+
+def _refuse_other_mesh(
+    nearest_level: ExportedLevel, points: Array, far: Index, is_rounding: bool, file: str
+) -> NoReturn:
+    """Raise InputError for the points numbered `far`, which are no nodes; `is_rounding` says why not."""
+    advice = ", or write places with more digits" if is_rounding else ""
+    raise InputError(
+        f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of "
+        f"{nearest_level.name}, the nearest one, the first at {_first_place(points, far)}; "
+        f"solve on that mesh{advice}"
+    )
 
 
 def last_digit_unit(numbers: Array) -> float:

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from unilateral import __version__
+from unilateral.arrays import Array
 from unilateral.exchange.boundary_function import has_obstacle, obstacle_at_nodes
 from unilateral.exchange.score import (
     Rate,
@@ -122,20 +123,23 @@ def _draw_error_panels(
     norms = [norm for norm in HTML_NORM_TITLES if np.isfinite(errors_by_norm[norm]).any()]
     for axes, norm in zip(figure.subplots(1, len(norms), squeeze=False)[0], norms, strict=True):
         axes.set(title=titles[norm], xlabel="h", xscale="log", yscale="log")
-        axes.set_xticks(h, [f"{size:.3g}" for size in h])
-        axes.set_xticks([], minor=True)
-        lines = (("o-", JUDGED_COLOUR, "judged"), ("s--", REFERENCE_COLOUR, "this project"))
-        for norm_errors, (style, color, label) in zip(errors_by_norm[norm], lines, strict=True):
-            if np.isfinite(norm_errors).any():
-                axes.plot(h, norm_errors, style, color=color, label=label)
-        # C h^rate, a little above both errors on the coarsest level
-        line_start = 1.5 * np.nanmax(errors_by_norm[norm][:, 0], initial=0)
-        proved = rates[norm].proved
-        if np.isfinite(proved) and line_start > 0:
-            line = line_start * (h / h[0]) ** proved
-            axes.plot(h, line, ":", color=EXACT_COLOUR, label=f"proved: {proved:g}")
-        axes.legend(fontsize="small")
+        _draw_errors(axes, h, errors_by_norm[norm], rates[norm].proved)
     return figure
+
+
+def _draw_errors(axes: Axes, h: Array, errors: Array, proved: float) -> None:
+    """Draw the judged errors and this project's, `errors` (2, levels), and the proved slope, if not NaN."""
+    axes.set_xticks(h, [f"{size:.3g}" for size in h])
+    axes.set_xticks([], minor=True)
+    lines = (("o-", JUDGED_COLOUR, "judged"), ("s--", REFERENCE_COLOUR, "this project"))
+    for values, (style, color, label) in zip(errors, lines, strict=True):
+        if np.isfinite(values).any():
+            axes.plot(h, values, style, color=color, label=label)
+    # C h^rate, a little above both errors on the coarsest level
+    line_start = 1.5 * np.nanmax(errors[:, 0], initial=0)
+    if np.isfinite(proved) and line_start > 0:
+        axes.plot(h, line_start * (h / h[0]) ** proved, ":", color=EXACT_COLOUR, label=f"proved: {proved:g}")
+    axes.legend(fontsize="small")
 
 
 def _draw_boundary_comparison(case: Problem, scored_solution: ScoredSolution) -> Figure:

@@ -67,26 +67,34 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for case, place in zip(cases, places, strict=False):
             axes = style.add_axes(figure, *place, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
             axes.set_title(case)
-            axes.set_yscale("log")
-            rows = data[data["case"] == case]
-            for kind, look in MESH_LOOKS.items():
-                levels = rows[rows["kind"] == kind]
-                axes.plot(levels["unknowns"], levels["bound"], lw=1.0, ms=3.4, mew=0.9, **look, **BOUND_LOOK)
-                axes.plot(levels["unknowns"], levels["error"], lw=1.1, ms=3.4, mew=0.9, **look)
-            _draw_optimal_slope(axes, rows)
-            style.set_plain_ticks(axes.yaxis)
+            _draw_case(axes, data[data["case"] == case])
             _set_unknowns_axis(axes, data["unknowns"])
         axes = style.add_axes(figure, *places[len(cases)], PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
         axes.set_title(r"$\beta$ on adapted meshes")
-        beta_rows = data[data["beta"].notna()]
-        for i, case in enumerate(cases):
-            levels = beta_rows[beta_rows["case"] == case]
-            axes.plot(levels["unknowns"], levels["beta"], lw=1.0, ms=3.4, mew=0.9, **style.numbered_look(i))
-            marks: style.Look = {**style.numbered_look(i), "ls": "", "ms": 2.6, "mew": 0.7, "mfc": "white"}
-            axes.plot(levels["unknowns"], levels["beta_of_edges"], **marks)
-        axes.set_ylim(-0.05, 1.0)
+        _draw_beta(axes, data[data["beta"].notna()], cases)
         _set_unknowns_axis(axes, data["unknowns"])
         _add_mesh_keys(figure, cases)
+
+
+def _draw_case(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw the errors and bounds of one case on both kinds of meshes, and the optimal slope."""
+    axes.set_yscale("log")
+    for kind, look in MESH_LOOKS.items():
+        levels = rows[rows["kind"] == kind]
+        axes.plot(levels["unknowns"], levels["bound"], lw=1.0, ms=3.4, mew=0.9, **look, **BOUND_LOOK)
+        axes.plot(levels["unknowns"], levels["error"], lw=1.1, ms=3.4, mew=0.9, **look)
+    _draw_optimal_slope(axes, rows)
+    style.set_plain_ticks(axes.yaxis)
+
+
+def _draw_beta(axes: Axes, rows: pd.DataFrame, cases: list[str]) -> None:
+    """Draw beta of all cases as lines, and beta with the edges as cells as marks."""
+    for i, case in enumerate(cases):
+        levels = rows[rows["case"] == case]
+        axes.plot(levels["unknowns"], levels["beta"], lw=1.0, ms=3.4, mew=0.9, **style.numbered_look(i))
+        marks: style.Look = {**style.numbered_look(i), "ls": "", "ms": 2.6, "mew": 0.7, "mfc": "white"}
+        axes.plot(levels["unknowns"], levels["beta_of_edges"], **marks)
+    axes.set_ylim(-0.05, 1.0)
 
 
 def _set_unknowns_axis(axes: Axes, unknowns: pd.Series) -> None:

@@ -102,9 +102,9 @@ def measure(
         error_rows, constant_rows, timing_rows = zip(
             *_measure_levels(problem, first, kind, limits, stop), strict=True
         )
-        errors.append(_tabulate_levels(error_rows))
-        constants.append(_tabulate_levels(constant_rows))
-        timings.append(_tabulate_levels(timing_rows))
+        errors.append(tables.tabulate_levels(error_rows))
+        constants.append(tables.tabulate_levels(constant_rows))
+        timings.append(tables.tabulate_levels(timing_rows))
     kinds = list(MARKING_BY_KIND)
     return (
         join_tables(errors, "kind", kinds).assign(asymptotic_from=asymptotic_unknowns(problem)),
@@ -178,12 +178,6 @@ def beta_constants(solution: DiscreteSolution) -> AdaptiveRow:
 def join_tables(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:
     """The tables as one, along a dimension with these names; NaN where one has fewer levels."""
     return xr.concat(tables, dim, join="outer").assign_coords({dim: list(names)})
-
-
-def _tabulate_levels(rows: Sequence[AdaptiveRow]) -> xr.Dataset:
-    names = dict.fromkeys(name for row in rows for name in row)
-    values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
-    return xr.Dataset(values, coords={"level": np.arange(len(rows))})
 
 
 def rates_in_unknowns(errors: xr.Dataset, factor: float) -> xr.Dataset:

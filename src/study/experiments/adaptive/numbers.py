@@ -10,11 +10,10 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from study.formats import format_value
+from study.formats import DASH, format_value
 from study.scenes import has_clamped_sides
 from unilateral.norms.resolution import RULE
 
-NO_RATE = "–"
 COLUMNS = {
     "unknowns": ("unknowns", "space"),
     "multipliers": ("multipliers", ".0f"),
@@ -62,7 +61,7 @@ def tabulate_finest_levels(table: xr.Dataset) -> pd.DataFrame:
             row = {"problem": f"`{case}`", "meshes": str(kind)}
             for title, (name, spec) in COLUMNS.items():
                 last = _last_value(levels[name])
-                row[title] = format_value(last, spec) if np.isfinite(last) else NO_RATE
+                row[title] = format_value(last, spec) if np.isfinite(last) else DASH
             rows.append(row)
     return pd.DataFrame(rows)
 

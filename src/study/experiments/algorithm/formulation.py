@@ -126,13 +126,10 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
         (v, mu) = V
         return np.array([u @ (A @ v), lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])
 
-    on_diagonal = [
-        form_terms(U, U) / (U[0] @ (A @ U[0]))
-        for U in (
-            (rng.standard_normal(len(spaces.mesh.points)), rng.standard_normal(m))
-            for _ in range(N_DIRECTIONS)
-        )
-    ]
+    on_diagonal = []
+    for _ in range(N_DIRECTIONS):
+        U = (rng.standard_normal(len(spaces.mesh.points)), rng.standard_normal(m))
+        on_diagonal.append(form_terms(U, U) / (U[0] @ (A @ U[0])))
     # With ||u||_1 = ||lambda||_{-1/2,h} = <lambda, u> = 1 the form is the matrix [[1, 1], [-1, 0]] of the
     # coefficients of U and V, and M its norm: the first pair of singular vectors attains it
     flux = np.full(m, 1 / math.sqrt(spaces.operator.D.sum()))

@@ -126,8 +126,7 @@ def _measure_saddle(
     """
     spaces = solved_case.spaces
     load = solved_case.discrete.load
-    g_means = solved_case.exact.cell_means.g_means
-    H_i = spaces.partition.lengths
+    g_integrals = spaces.partition.lengths * solved_case.exact.cell_means.g_means
     boundary = spaces.mesh.boundary
     A = spaces.condensed.A
     u_h = spaces.response(load, multiplier)
@@ -137,14 +136,13 @@ def _measure_saddle(
 
     def L(v: Array, mu: Array) -> float:
         """The Lagrangian ||v||_1^2 / 2 - (f, v) - <mu, v - g>."""
-        return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
+        return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - g_integrals))
 
     saddle = L(u_h, multiplier)
-    size = np.abs(u_h).max()
-    gap = spaces.B @ u_h[boundary] - H_i * g_means
+    gap = spaces.B @ u_h[boundary] - g_integrals
     differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
     for _ in range(N_DIRECTIONS):
-        w = DIRECTION_SIZE * size * rng.standard_normal(len(u_h))
+        w = DIRECTION_SIZE * np.abs(u_h).max() * rng.standard_normal(len(u_h))
         mu = multiplier.max() * rng.random(len(multiplier))
         differences["saddle_in_v"].append(L(u_h + w, multiplier) - saddle)
         differences["saddle_in_mu"].append(saddle - L(u_h, mu))
@@ -252,26 +250,30 @@ def measure_elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition],
     `difference` is how far u^n on the boundary is, after some steps, by the first way from that by the second
     one, on the coarsest mesh and relative to it.
     """
-    counts = np.empty((3, len(meshes)))
-    for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
-        condensed = condense(mesh)
-        spaces = mixed_spaces(condensed, partition)
-        factors = factorise_by_dissection(condensed.A)
-        m = partition.n_cells
-        nb = len(mesh.boundary)
-        nnz = spaces.B.nnz
-        # One product y -> S y: by A and by A_3 as section 5 has them, and by S
-        counts[:, k] = (
-            operations.count_product_by_A(m, nb, nnz, operations.count_factors(factors.lu)),
-            operations.count_product_by_A_3(m, nb, nnz),
-            operations.count_product_by_S(m),
-        )
-        if k == 0:
-            difference = _compare_eliminations(factors, spaces, steps)
+    pairs = [
+        mixed_spaces(condense(mesh), partition) for mesh, partition in zip(meshes, partitions, strict=True)
+    ]
+    factors = [factorise_by_dissection(spaces.condensed.A) for spaces in pairs]
+    counts = [
+        _count_products(spaces, operations.count_factors(factors_of_A.lu))
+        for spaces, factors_of_A in zip(pairs, factors, strict=True)
+    ]
+    table: dict[str, Any] = {name: ("mesh", [float(count[name]) for count in counts]) for name in counts[0]}
+    table["difference"] = ((), _compare_eliminations(factors[0], pairs[0], steps))
     sizes = {"h": [mesh.h for mesh in meshes], "unknowns": [mesh.n_nodes for mesh in meshes]}
-    table = {name: ("mesh", row) for name, row in zip(("with_A", "with_A_3", "with_S"), counts, strict=True)}
-    coordinates = {name: ("mesh", values) for name, values in sizes.items()}
-    return xr.Dataset({**table, "difference": ((), difference)}, coords=coordinates)
+    return xr.Dataset(table, coords={name: ("mesh", values) for name, values in sizes.items()})
+
+
+def _count_products(spaces: MixedSpaces, factors: operations.FactorCounts) -> dict[str, int]:
+    """Operations of one product y -> S y: by A and by A_3 as section 5 has them, and by S."""
+    m = spaces.partition.n_cells
+    nb = len(spaces.mesh.boundary)
+    nnz = spaces.B.nnz
+    return {
+        "with_A": operations.count_product_by_A(m, nb, nnz, factors),
+        "with_A_3": operations.count_product_by_A_3(m, nb, nnz),
+        "with_S": operations.count_product_by_S(m),
+    }
 
 
 def _compare_eliminations(factors: SparseFactors, spaces: MixedSpaces, steps: int) -> float:

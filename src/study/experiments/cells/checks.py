@@ -11,10 +11,14 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from study.evidence import Evidence, Tables, name_values, pick_worst, require_preconditions
-
-MAX_ALGEBRAIC_SHARE = 0.01
-"""The algebraic error may be at most this share of the discretisation error."""
+from study.evidence import (
+    MAX_ALGEBRAIC_SHARE,
+    Evidence,
+    Tables,
+    name_values,
+    pick_worst,
+    require_preconditions,
+)
 
 
 def exponents(

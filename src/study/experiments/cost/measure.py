@@ -18,16 +18,16 @@ import xarray as xr
 from study import operations, scenes, tables
 from study.experiments.cost.run import PosedCase, Variant, count_operations, method_and_step, run_to_levels
 from unilateral.discrete.condensed import discretise_case
-from unilateral.fem.condense import condense_factors, form_matrix
-from unilateral.fem.linear_systems import factorise_by_dissection
-from unilateral.fem.spaces import mixed_spaces
+from unilateral.fem.condense import CondensedMatrix, condense_factors, form_matrix
+from unilateral.fem.linear_systems import SparseFactors, factorise_by_dissection
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import CaseProjections, cell_means
-from unilateral.norms.ritz import ritz_projection
+from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.case import ExactSolution
 
 MAX_STEPS_OVER_DOUBLE = 2
@@ -47,6 +47,8 @@ class Variation(NamedTuple):
 
 CostRow = dict[str, Any]
 """What is known of a run, by the names of the tables' variables; lists are over the stopping levels."""
+CostRows = dict[tuple[Variant, float], CostRow]
+"""Runs by their variant and H."""
 
 
 def measure_cost(
@@ -59,17 +61,31 @@ def measure_cost(
     sizes = [parse_real(H, "cost.H") for H in study["H"]]
     planned = plan_axes(study)
     variants = dict.fromkeys(variant for axis in planned for variant in axis.variants)
-    rows: dict[tuple[Variant, float], CostRow] = {}
+    rows: CostRows = {}
     for (name, declared), norm in zip(scene.items(), norms, strict=True):
-        gram = Gram.from_table(tables.load_table(norm))
         scene_variants = [variant for variant in variants if variant.scene == name]
-        for h in study["h"][name]:
-            mesh = make_structured_mesh(scenes.scene_polygon(declared), parse_real(h, "cost.h"))
-            rows |= measure(mesh, scenes.load_cases(declared), gram, scene_variants, sizes, study)
+        rows |= _measure_scene(declared, norm, study["h"][name], scene_variants, sizes, study)
     parameters = {f"scenes.{name}": declared for name, declared in scene.items()}
     parameters |= {f"cost.{field}": value for field, value in study.items()}
     for axis, path in zip(planned, axes, strict=True):
         tables.save_table(tabulate_axis(axis, rows, sizes, study["stops"]), path, "cost", parameters)
+
+
+def _measure_scene(
+    scene: Mapping[str, Any],
+    norm: str,
+    mesh_sizes: Sequence[object],
+    variants: Sequence[Variant],
+    sizes: Sequence[float],
+    study: Mapping[str, Any],
+) -> CostRows:
+    """The rows of a scene's variants on meshes of all `mesh_sizes`; the file `norm` has its dual norm."""
+    gram = Gram.from_table(tables.load_table(norm))
+    rows: CostRows = {}
+    for h in mesh_sizes:
+        mesh = make_structured_mesh(scenes.scene_polygon(scene), parse_real(h, "cost.h"))
+        rows |= measure(mesh, scenes.load_cases(scene), gram, variants, sizes, study)
+    return rows
 
 
 def plan_axes(study: Mapping[str, Any]) -> list[Variation]:
@@ -92,27 +108,22 @@ def measure(
     variants: Sequence[Variant],
     sizes: Sequence[float],
     study: Mapping[str, Any],
-) -> dict[tuple[Variant, float], CostRow]:
-    """The rows of the variants of these cases on one mesh, by variant and H, where H is one of `sizes`.
+) -> CostRows:
+    """The rows of the variants of these cases on one mesh, where H is one of `sizes`.
 
     `gram` holds the dual norm's forms for the cases, in their order. Of the study the limits of runs are
     read. A variant in another precision has to follow its twin in double precision.
     """
-    # Factors of A with the boundary nodes last, whose last block gives A_3; and by dissection of all nodes
-    eliminated = factorise_by_dissection(form_matrix(mesh), mesh.boundary)
-    condensed = condense_factors(mesh, eliminated)
-    factors = factorise_by_dissection(form_matrix(mesh))
-    with_boundary_last = operations.count_factors(eliminated.lu)
-    counts = {"A": operations.count_factors(factors.lu), "A_3": with_boundary_last, "S": with_boundary_last}
+    factored = _factorise(mesh)
     case_names = {variant.case for variant in variants}
-    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in case_names}
-
-    rows: dict[tuple[Variant, float], CostRow] = {}
+    ritz = {case.name: ritz_projection(case, factored.condensed) for case in cases if case.name in case_names}
+    rows: CostRows = {}
     for ratio in dict.fromkeys(variant.H_over_h for variant in variants):
+        # A ratio that gives no H of the study on this mesh is measured on others
         H = next((H for H in sizes if math.isclose(H, ratio * mesh.h, rel_tol=1e-9)), None)
         if H is None:
             continue
-        spaces = mixed_spaces(condensed, make_uniform_partition(mesh.polygon, ratio * mesh.h))
+        spaces = mixed_spaces(factored.condensed, make_uniform_partition(mesh.polygon, ratio * mesh.h))
         form = gram.coarsen(spaces.partition)
         for case_index, case in enumerate(cases):
             case_variants = [
@@ -120,22 +131,53 @@ def measure(
             ]
             if not case_variants:
                 continue
-            exact = CaseProjections(ritz[case.name], cell_means(case, spaces.partition))
-            posed = PosedCase(
-                exact=exact,
-                discrete=discretise_case(spaces, exact),
-                form=form,
-                case_index=case_index,
-                factors=factors,
-                counts=counts,
-            )
+            posed = factored.pose_case(spaces, ritz[case.name], form, case_index)
             for variant in case_variants:
-                max_steps = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
                 twin = rows.get((variant._replace(precision="float64"), H))
-                if twin and np.isfinite(twin["steps"]).any():
-                    max_steps = min(max_steps, MAX_STEPS_OVER_DOUBLE * int(np.nanmax(twin["steps"])))
+                max_steps = _limit_steps(study, variant, twin)
                 rows[variant, H] = _measure_run(posed, variant, study["stops"], max_steps)
     return rows
+
+
+class _FactoredMesh(NamedTuple):
+    """A mesh condensed to the boundary, and the factors of A for steps that solve with it.
+
+    `counts` has the counts of the factors that a step needs, by the matrix of the step.
+    """
+
+    condensed: CondensedMatrix
+    factors: SparseFactors
+    counts: dict[str, operations.FactorCounts]
+
+    def pose_case(self, spaces: MixedSpaces, ritz: RitzProjection, form: Gram, case_index: int) -> PosedCase:
+        """The case of a Ritz projection, with its number in the dual norm's `form`, on a partition."""
+        exact = CaseProjections(ritz, cell_means(ritz.case, spaces.partition))
+        return PosedCase(
+            exact=exact,
+            discrete=discretise_case(spaces, exact),
+            form=form,
+            case_index=case_index,
+            factors=self.factors,
+            counts=self.counts,
+        )
+
+
+def _factorise(mesh: Mesh) -> _FactoredMesh:
+    """A factorised twice: with the boundary nodes last, and with the fewest operations."""
+    # The last block of these factors gives A_3, from which S is formed
+    boundary_last = factorise_by_dissection(form_matrix(mesh), mesh.boundary)
+    factors = factorise_by_dissection(form_matrix(mesh))
+    counts = {"A": operations.count_factors(factors.lu), "A_3": operations.count_factors(boundary_last.lu)}
+    counts["S"] = counts["A_3"]
+    return _FactoredMesh(condense_factors(mesh, boundary_last), factors, counts)
+
+
+def _limit_steps(study: Mapping[str, Any], variant: Variant, twin: CostRow | None) -> int:
+    """The most steps of a run; `twin` has the numbers of the same run in double precision, if known."""
+    max_steps: int = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
+    if twin and np.isfinite(twin["steps"]).any():
+        return min(max_steps, MAX_STEPS_OVER_DOUBLE * int(np.nanmax(twin["steps"])))
+    return max_steps
 
 
 def _measure_run(posed: PosedCase, variant: Variant, stops: Sequence[float], max_steps: int) -> CostRow:
@@ -178,7 +220,7 @@ def _measure_run(posed: PosedCase, variant: Variant, stops: Sequence[float], max
 
 def tabulate_axis(
     axis: Variation,
-    rows: Mapping[tuple[Variant, float], CostRow],
+    rows: CostRows,
     sizes: Sequence[float],
     stops: Sequence[float],
 ) -> xr.Dataset:

@@ -13,6 +13,7 @@ from scipy.linalg.blas import dnrm2
 
 from study import operations
 from study.experiments.cost.products import PRODUCTS_PER_REFRESH, make_product
+from study.stability_constants import bound_multiplier_error
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.fem.linear_systems import SparseFactors
@@ -78,11 +79,9 @@ class PosedCase:
     def errors(self, mu: Array) -> FourErrors:
         """||u - u(mu)||_1, the bounds on ||lambda - mu||_{-1/2} and ||lambda - mu||_0, for mu (m,)."""
         errors = self.exact.errors(self.spaces, mu)
-        lower, upper = self.form.error_bounds(
-            self.case_index, (self.exact.cell_means.lambda_means - mu)[None]
-        )
-        # ||lambda - mu||_{-1/2} is at least its discrete norm D
-        return errors.h1, max(float(lower[0]), errors.hm12_discrete), float(upper[0]), errors.l2
+        mean_errors = self.exact.cell_means.lambda_means - mu
+        lower, upper = bound_multiplier_error(self.form, self.case_index, mean_errors, errors.hm12_discrete)
+        return errors.h1, lower, upper, errors.l2
 
 
 class ReachedLevel(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from study import style, tables
@@ -131,42 +132,63 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     with style.open_figure(svg_path, 14.8) as figure:
         for left_cm, (norm, title) in zip(PANEL_LEFTS_CM, style.NORM_TITLES.items(), strict=True):
             axes = style.add_axes(figure, left_cm, 9.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
-            rows = by_kind["front"][by_kind["front"]["norm"] == norm]
-            style.draw_log_line(axes, rows["work"], rows["error"], **FRONT_LOOK)
-            for ratio, rows in by_kind["line"][by_kind["line"]["norm"] == norm].groupby("H_over_h"):
-                style.draw_log_line(axes, rows["work"], rows["error"], **looks[ratio])
+            front = by_kind["front"][by_kind["front"]["norm"] == norm]
+            lines = by_kind["line"][by_kind["line"]["norm"] == norm]
+            _draw_errors_over_work(axes, front, lines, looks)
             axes.set(title=f"{title}, relative", xlabel="operations")
-            style.set_plain_ticks(axes.yaxis)
-        lower = [
+        steps, matrices, stops = [
             style.add_axes(figure, left_cm, 2.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
             for left_cm in PANEL_LEFTS_CM
         ]
-        _draw_steps(lower[0], by_kind["steps"])
-        for label, (name, look) in MATRIX_LOOKS.items():
-            rows = by_kind["step"][by_kind["step"]["label"] == label]
-            style.draw_log_line(lower[1], rows["unknowns"], rows["work"], **{**look, **THIN_LINE}, label=name)
-        lower[1].set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
-        lower[1].set_ylim(top=200 * lower[1].get_ylim()[1])
-        _add_line_names(lower[1], "upper left")
-        stops = by_kind["stop"][by_kind["stop"]["stop"] >= MIN_DRAWN_LEVEL]
-        for i, (norm, title) in enumerate(style.NORM_TITLES.items()):
-            rows = stops[stops["norm"] == norm]
-            style.draw_log_line(
-                lower[2], rows["stop"], rows["excess"], **style.numbered_look(i), **THIN_LINE, label=title
-            )
-        lower[2].invert_xaxis()
-        _add_line_names(lower[2], "upper right")
-        lower[2].set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
-        lower[2].set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
-        fronts = [
-            style.legend_entry(f"$H/h={style.format_fraction(ratio)}$", **look)
-            for ratio, look in looks.items()
-        ]
-        fronts.append(style.legend_entry("front of all runs", **FRONT_LOOK))
-        named = [style.legend_entry(name, lw=0.9, **look) for name, look in ALGORITHM_LOOKS.values()]
-        for handles, top, columns in ((fronts, 8.2, 7), (named, 1.25, 3)):
-            space: style.Look = {"labelspacing": 0.4, "columnspacing": 1.15, "handlelength": 1.6}
-            style.add_legend(figure, handles, 1.35, top, ncols=columns, **space)
+        _draw_steps(steps, by_kind["steps"])
+        _draw_matrices(matrices, by_kind["step"])
+        _draw_stops(stops, by_kind["stop"])
+        _add_run_keys(figure, looks)
+
+
+def _draw_errors_over_work(
+    axes: Axes, front: pd.DataFrame, lines: pd.DataFrame, looks: Mapping[float, style.Look]
+) -> None:
+    """Draw the front of all runs, and a line for each H/h."""
+    style.draw_log_line(axes, front["work"], front["error"], **FRONT_LOOK)
+    for ratio, rows in lines.groupby("H_over_h"):
+        style.draw_log_line(axes, rows["work"], rows["error"], **looks[ratio])
+    style.set_plain_ticks(axes.yaxis)
+
+
+def _draw_matrices(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw the operations of a step and of the set-up over the unknowns, by matrix."""
+    for label, (name, look) in MATRIX_LOOKS.items():
+        line = rows[rows["label"] == label]
+        style.draw_log_line(axes, line["unknowns"], line["work"], **{**look, **THIN_LINE}, label=name)
+    axes.set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
+    axes.set_ylim(top=200 * axes.get_ylim()[1])
+    _add_line_names(axes, "upper left")
+
+
+def _draw_stops(axes: Axes, rows: pd.DataFrame) -> None:
+    """Draw the error at a stopping level over that of the discrete solution, by norm."""
+    drawn = rows[rows["stop"] >= MIN_DRAWN_LEVEL]
+    for i, (norm, title) in enumerate(style.NORM_TITLES.items()):
+        line = drawn[drawn["norm"] == norm]
+        look = style.numbered_look(i) | THIN_LINE
+        style.draw_log_line(axes, line["stop"], line["excess"], **look, label=title)
+    axes.invert_xaxis()
+    _add_line_names(axes, "upper right")
+    axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+    axes.set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
+
+
+def _add_run_keys(figure: Figure, looks: Mapping[float, style.Look]) -> None:
+    """Add the key of the upper panels below these, and that of the algorithms at the foot."""
+    fronts = [
+        style.legend_entry(f"$H/h={style.format_fraction(ratio)}$", **look) for ratio, look in looks.items()
+    ]
+    fronts.append(style.legend_entry("front of all runs", **FRONT_LOOK))
+    algorithms = [style.legend_entry(name, lw=0.9, **look) for name, look in ALGORITHM_LOOKS.values()]
+    space: style.Look = {"labelspacing": 0.4, "columnspacing": 1.15, "handlelength": 1.6}
+    style.add_legend(figure, fronts, 1.35, 8.2, ncols=7, **space)
+    style.add_legend(figure, algorithms, 1.35, 1.25, ncols=3, **space)
 
 
 def _draw_steps(axes: Axes, rows: pd.DataFrame) -> None:

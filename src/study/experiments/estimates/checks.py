@@ -9,8 +9,9 @@ import xarray as xr
 from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
-from study.evidence import RELATIVE_ROUNDING, Evidence, Tables, dual_norm_forms, pick_worst
+from study.evidence import Evidence, Tables, dual_norm_forms, pick_worst
 from study.stability_constants import lemma_quotients
+from study.tables import ZERO_ERROR_SHARE
 from unilateral.arrays import Array
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
@@ -78,7 +79,7 @@ def l2_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
         dual = (data["hm12_error_lower"] + data["projection_lower"]) / np.sqrt(cells.H)
         # (4.7): ||lambda - lambda_H||_0 <= ||lambda - mu||_0
         #        + C H^{-1/2} (||lambda - lambda_H||_{-1/2} + ||lambda - mu||_{-1/2})
-        left_side = data["l2_error"].where(data["l2_error"] > RELATIVE_ROUNDING * data["u_norm"])
+        left_side = data["l2_error"].where(data["l2_error"] > ZERO_ERROR_SHARE * data["u_norm"])
         right_side = data["projection_error"] + inverse_constant(cells, gram.p0.upper) * dual
         if left_side.notnull().any():
             quotients[name] = float((left_side / right_side).max())

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.figure import Figure
 
 from study import style, tables
 from study.scenes import dual_norm_partitions, scene_partitions
@@ -16,8 +17,6 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
 
 FUNCTION_TITLES = {"one": r"$\mu=1$", "alternating": r"$\mu=\pm 1$, cell by cell"}
-NEGLIGIBLE_ERROR_SHARE = 1e-12
-"""An error that is at most this multiple of ||u||_1 is 0 up to rounding."""
 COLUMNS = ["kind", "case", "h", "H", "h_over_H", "lower", "upper", "mean", "gap", "shortcut"]
 N_COMPARED_CASES = 2
 DASH_LINE_WIDTHS = 2.6
@@ -40,7 +39,7 @@ def table(
     bounds = {bound: tables.error_in_norm(runs, "hm12", bound) for bound in ("lower", "upper")}
     norms = xr.Dataset({**bounds, "l2": tables.error_in_norm(runs, "l2"), "u_norm": runs["u_norm"]})
     run_errors = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
-    nonzero = run_errors[run_errors["upper"] > NEGLIGIBLE_ERROR_SHARE * run_errors["u_norm"]]
+    nonzero = run_errors[run_errors["upper"] > tables.ZERO_ERROR_SHARE * run_errors["u_norm"]]
     rows = pd.concat(
         [nonzero, *(_tabulate_functions(gram, partitions[k]) for k in dual_norm_partitions(scene))]
     )
@@ -85,9 +84,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for line in [*cases, *FUNCTION_TITLES]
     }
     with style.open_figure(svg_path, 9.0) as figure:
-        errors = style.add_axes(figure, 1.25, 2.9, 4.4, 5.2)
-        gaps = style.add_axes(figure, 7.05, 2.9, 4.4, 5.2)
-        norms = style.add_axes(figure, 12.45, 2.9, 4.4, 5.2)
+        errors, gaps, norms = [
+            style.add_axes(figure, left_cm, 2.9, 4.4, 5.2) for left_cm in (1.25, 7.05, 12.45)
+        ]
         for line, look in looks.items():
             rows = lines[line]
             if line in cases:
@@ -95,10 +94,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
                 errors.vlines(rows["H"], rows["lower"], rows["upper"], color=look["color"], lw=3)
             gaps.plot(rows["H"], rows["gap"], **look)
             if line in (*FUNCTION_TITLES, *cases[:N_COMPARED_CASES]):
+                dashes: style.Look = {"marker": "", "ls": _shortcut_dashes(line)}
                 norms.plot(rows["H"], rows["mean"], **look)
-                norms.plot(
-                    rows["H"], rows["shortcut"], **{**look, "marker": "", "ls": _shortcut_dashes(line)}
-                )
+                norms.plot(rows["H"], rows["shortcut"], **(look | dashes))
         ratios = ", ".join(map(style.format_fraction, sorted(data["h_over_H"].dropna().unique())))
         errors.set(title=style.NORM_TITLES["hm12"], xlabel=f"cell size $H$  ($h/H={ratios}$)")
         gaps.set(title="upper / lower bound $-$ 1", xlabel="cell size $H$")
@@ -106,18 +104,20 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for axes in (errors, gaps, norms):
             style.set_size_axes(axes, data["H"])
         gaps.yaxis.set_major_formatter(lambda gap, _: f"{100 * gap:g} %")
-        handles = [
-            style.legend_entry(FUNCTION_TITLES.get(line, line), **look) for line, look in looks.items()
-        ]
-        grey: style.Look = {"color": "0.25", "lw": 1.1}
-        true = style.legend_entry(r"$\Vert\mu\Vert_{-1/2}$", **grey)
-        short = style.legend_entry(
-            r"the shortcut $H^{1/2}\Vert\mu\Vert_0$", ls=_shortcut_dashes("one"), **grey
-        )
-        padded: style.Look = {"borderpad": None, "borderaxespad": None}
-        style.add_legend(figure, handles, 0.0, 1.75, ncols=3, **padded)
-        style.add_legend(figure, [true, short], 12, 1.75, **padded)
+        _add_norm_keys(figure, looks)
         style.add_note(figure, BOUNDS_NOTE)
+
+
+def _add_norm_keys(figure: Figure, looks: Mapping[str, style.Look]) -> None:
+    """Add the key of cases and functions, and that of the norm and its shortcut."""
+    handles = [style.legend_entry(FUNCTION_TITLES.get(line, line), **look) for line, look in looks.items()]
+    grey: style.Look = {"color": "0.25", "lw": 1.1}
+    norm = style.legend_entry(r"$\Vert\mu\Vert_{-1/2}$", **grey)
+    shortcut = r"the shortcut $H^{1/2}\Vert\mu\Vert_0$"
+    short = style.legend_entry(shortcut, ls=_shortcut_dashes("one"), **grey)
+    padded: style.Look = {"borderpad": None, "borderaxespad": None}
+    style.add_legend(figure, handles, 0.0, 1.75, ncols=3, **padded)
+    style.add_legend(figure, [norm, short], 12, 1.75, **padded)
 
 
 def _shortcut_dashes(function: str) -> tuple[float, tuple[float, float]]:

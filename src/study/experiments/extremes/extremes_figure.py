@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from study import style, tables
 from study.experiments.extremes.numbers import RESCUED, outcome_kinds
@@ -66,16 +67,21 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             axes = style.add_axes(figure, PANEL_LEFTS_CM[column], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
             _draw_strip(axes, points)
             axes.set_title(str(label), loc="left", fontsize=style.SMALL_FONT_POINTS, pad=2)
-        handles = [
-            style.legend_entry(kind, ls="", marker=mark, color=colour, mec=_edge_colour(colour))
-            for kind, (mark, colour) in OUTCOME_MARKS.items()
-        ]
-        handles += [
-            style.legend_entry(label, ls="", marker="|", ms=11, mew=1.6, color=colour)
-            for colour, _, label in LIMIT_TICKS.values()
-        ]
-        corner = (0.01, 0.0)
-        figure.legend(handles=handles, loc="lower left", ncols=3, bbox_to_anchor=corner, columnspacing=2.0)
+        _add_outcome_key(figure)
+
+
+def _add_outcome_key(figure: Figure) -> None:
+    """Add the key of outcomes and predicted limits at the foot."""
+    handles = [
+        style.legend_entry(kind, ls="", marker=mark, color=colour, mec=_edge_colour(colour))
+        for kind, (mark, colour) in OUTCOME_MARKS.items()
+    ]
+    handles += [
+        style.legend_entry(label, ls="", marker="|", ms=11, mew=1.6, color=colour)
+        for colour, _, label in LIMIT_TICKS.values()
+    ]
+    corner = (0.01, 0.0)
+    figure.legend(handles=handles, loc="lower left", ncols=3, bbox_to_anchor=corner, columnspacing=2.0)
 
 
 def _edge_colour(colour: str) -> str:

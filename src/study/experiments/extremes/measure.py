@@ -64,18 +64,7 @@ def survey_axes(study: Mapping[str, Any]) -> xr.Dataset:
     points: list[dict[str, Any]] = []
     limits: list[dict[str, Any]] = []
     for name, declared in study["axes"].items():
-        field = f"extremes.axes.{name}"
-        values = np.array([read_value(value, field) for value in declared["values"]])
-        h = parse_real(declared.get("h", study["h"]), field)
-        H = parse_real(declared.get("H", study["H"]), field)
-        accuracy = parse_real(declared.get("accuracy", study["accuracy"]), field)
-        budget = Budget(accuracy, study["max_steps"])
-        axis = AXES[name](values, h, H, budget)
-        predicted = np.broadcast_to(axis.predicted, values.shape)
-        tried = [
-            try_value(axis, value, number, budget)
-            for value, number in zip(values.tolist(), predicted.tolist(), strict=True)
-        ]
+        axis, tried = _try_axis(name, study | declared)
         points += [{"axis_of": name, **point} for point in tried]
         limits.append(
             {
@@ -90,6 +79,22 @@ def survey_axes(study: Mapping[str, Any]) -> xr.Dataset:
     table = {name: ("point", [point[name] for point in points]) for name in points[0]}
     table |= {name: ("axis", [limit[name] for limit in limits]) for name in limits[0]}
     return xr.Dataset(table, coords={"axis": list(study["axes"])})
+
+
+def _try_axis(name: str, declared: Mapping[str, Any]) -> tuple[Axis, list[dict[str, Any]]]:
+    """The axis of that name and the outcome of each value; `declared` has its sizes and its budget."""
+    field = f"extremes.axes.{name}"
+    values = np.array([read_value(value, field) for value in declared["values"]])
+    h = parse_real(declared["h"], field)
+    H = parse_real(declared["H"], field)
+    budget = Budget(parse_real(declared["accuracy"], field), declared["max_steps"])
+    axis = AXES[name](values, h, H, budget)
+    predicted = np.broadcast_to(axis.predicted, values.shape)
+    tried = [
+        try_value(axis, value, number, budget)
+        for value, number in zip(values.tolist(), predicted.tolist(), strict=True)
+    ]
+    return axis, tried
 
 
 def read_value(value: object, field: str) -> float:

@@ -12,10 +12,9 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from study.formats import format_value
+from study.formats import DASH, format_value
 
 RESCUED = "right, but not by plain Uzawa"
-NO_LIMIT = "–"
 NOWHERE_RIGHT = "none"
 TOOL_NOT_OFFERED = "not offered"
 KIND_TEXTS = {RESCUED: "by another algorithm only"}
@@ -103,7 +102,7 @@ def _describe_axis(table: xr.Dataset, name: str) -> dict[str, str]:
 def _format_limits(axis_limits: xr.Dataset, limit_name: str) -> str:
     limits = (float(axis_limits[f"{which}_{limit_name}"]) for which in ("predicted", "measured"))
     return ", ".join(
-        NOWHERE_RIGHT if math.isinf(x) else NO_LIMIT if math.isnan(x) else format_value(x, "short")
+        NOWHERE_RIGHT if math.isinf(x) else DASH if math.isnan(x) else format_value(x, "short")
         for x in limits
     )
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from study.evidence import Evidence, Tables, pick_worst, require_preconditions
+from study.evidence import MAX_ALGEBRAIC_SHARE, Evidence, Tables, pick_worst, require_preconditions
 from study.experiments.graded.levels import rates_by_halving
 from study.tables import error_in_norm
 
@@ -15,8 +15,6 @@ SMOOTH_ORDER = 1.5
 """The order of P0 on cells that are of the size H at most, for a lambda that is smooth on every side."""
 MIN_GRADED_PAIRS = 2
 """A run with fewer pairs of levels is not judged."""
-MAX_ALGEBRAIC_PART = 0.01
-"""The algebraic error may be at most this share of the error that is judged."""
 
 
 def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) -> Evidence:
@@ -28,7 +26,7 @@ def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) ->
     faults = list[str]()
     excess: dict[str, float] = {}
     share = float((data["algebraic_bound"] / data["discrete_error"]).max())
-    if not share <= MAX_ALGEBRAIC_PART:
+    if not share <= MAX_ALGEBRAIC_SHARE:
         faults.append(f"the algebraic error is {share:.2g} of D")
     for norm in norms:
         rates = rates_by_halving(error_in_norm(data, norm))

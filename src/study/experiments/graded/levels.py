@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import xarray as xr
 
 from unilateral.arrays import Array
 
 GradedRow = dict[str, float]
-
-
-def tabulate_rows(rows: Sequence[GradedRow]) -> xr.Dataset:
-    """The rows as one table over (level)."""
-    values = {name: ("level", [row[name] for row in rows]) for name in rows[0]}
-    return xr.Dataset(values, coords={"level": np.arange(len(rows))})
 
 
 def rates_by_halving(error: xr.DataArray) -> xr.DataArray:

@@ -17,7 +17,8 @@ import xarray as xr
 from scipy.linalg import solve as solve_linear
 
 from study import scenes, tables
-from study.experiments.graded.levels import GradedRow, tabulate_rows
+from study.experiments.graded.levels import GradedRow
+from study.stability_constants import bound_multiplier_error
 from unilateral.arrays import Array, Index
 from unilateral.discrete.condensed import CondensedProblem, discretise_case, solve_condensed_problem
 from unilateral.discrete.multilevel import solve_refinements
@@ -104,7 +105,7 @@ def measure_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, sto
     rows = [_measure_level(pair, case, gram, stop) | mesh_resolution(pair) for pair in spaces]
     for row, pair in zip(rows, spaces, strict=True):
         row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), pair)
-    return tabulate_rows(rows).assign_coords(case=case.name, exponent=float(atom.beta))
+    return tables.tabulate_levels(rows).assign_coords(case=case.name, exponent=float(atom.beta))
 
 
 def _measure_level(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> GradedRow:
@@ -129,14 +130,13 @@ def _dual_norm_errors(
 ) -> GradedRow:
     if spaces.partition.n_cells > gram.n_cells:
         return dict.fromkeys(("hm12_error_lower", "hm12_error_upper", "beta_lower"), np.nan)
-    form = gram.coarsen(
-        spaces.partition
-    )  # the lower bound is at least D, since ||.||_{-1/2,h} <= ||.||_{-1/2}
-    lower, upper = form.error_bounds(0, (exact_data.cell_means.lambda_means - lambda_H)[None])
+    form = gram.coarsen(spaces.partition)
     D = exact_data.errors(spaces, lambda_H).hm12_discrete
+    mean_errors = exact_data.cell_means.lambda_means - lambda_H
+    lower, upper = bound_multiplier_error(form, 0, mean_errors, D)
     return {
-        "hm12_error_lower": max(float(lower[0]), D),
-        "hm12_error_upper": float(upper[0]),
+        "hm12_error_lower": lower,
+        "hm12_error_upper": upper,
         "beta_lower": infsup_constants(spaces.operator, form.p0).beta_lower,
     }
 
@@ -184,24 +184,24 @@ def measure_refinement(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.
     """
     fine = Stop(**{**stop, "fraction": stop["fraction"] ** 2})
     measured = {
-        case.name: tabulate_rows(list(measure_refined_levels(scene, case, study["adapted"], fine)))
+        case.name: tables.tabulate_levels(list(measure_refined_levels(scene, case, study["adapted"], fine)))
         for scene in study["scenes"]
         for case in scenes.load_cases(scene)
     }
     return xr.concat(measured.values(), "case", join="outer").assign_coords(case=list(measured))
 
 
-def mark_large_shares(solution: DiscreteSolution) -> Index:
-    """The triangles that half of the squared bound comes from."""
-    return mark_triangles(solution.mesh, solution.bound_shares)
-
-
 def measure_refined_levels(
     scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop
 ) -> Iterator[GradedRow]:
     """Errors of each level that the bound refines, from the scene's coarsest mesh on."""
+
+    def choose_triangles(solution: DiscreteSolution) -> Index:
+        """The triangles that half of the squared bound comes from."""
+        return mark_triangles(solution.mesh, solution.bound_shares)
+
     first = scenes.coarsest_mesh(scene)
-    for solution in solve_refinements(case.problem, first, stop, mark_large_shares, unknowns):
+    for solution in solve_refinements(case.problem, first, stop, choose_triangles, unknowns):
         solution.bound()
         yield refined_level_errors(case, solution)
 

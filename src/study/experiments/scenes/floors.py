@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.optimize import least_squares
 
 from study import tables
-from study.rates import ZERO_ERROR_SHARE
+from study.tables import ZERO_ERROR_SHARE
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.formula import parse_real

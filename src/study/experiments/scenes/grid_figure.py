@@ -11,12 +11,17 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from study import style, tables
 
 MAX_LUMINANCE_FOR_WHITE = 0.179  # the luminance at which black and white contrast equally (WCAG 2.1, 1.4.3)
+PANEL_LEFTS_CM = (1.62, 6.74, 11.86)
+MAP_WIDTH_CM = 4.6
+MAP_ROW_CM = 0.53
+MAP_GAP_CM = 0.62
 DRAWN_RATIOS = (0.5, 1.0, 2.0)
 DASH_ENDS = np.array([[-0.11, -0.11], [0.11, 0.11]])
 """The ends of a dash as seen from the corner of a cell, along its diagonal."""
@@ -39,43 +44,43 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """
     data = style.read_figure_table(csv_path)
     cases = data["case"].unique()
-    h = np.sort(data["h"].unique())[::-1]
-    H = np.sort(data["H"].unique())[::-1]
-    width = 4.6
-    height = 0.53 * len(H)
-    gap = 0.62
-    with style.open_figure(svg_path, 3.55 + (height + gap) * len(cases)) as figure:
-        top = 2.05 + (height + gap) * len(cases)
-        for left_cm, (norm, title) in zip((1.62, 6.74, 11.86), style.NORM_TITLES.items(), strict=True):
-            rows = data[data["norm"] == norm]
-            positive = rows["error"][rows["error"] > 0]
-            low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
-            scale = ScalarMappable(LogNorm(low, high), colormaps["cividis"])
-            for i, case in enumerate(cases):
-                axes = style.add_axes(figure, left_cm, top - height - i * (height + gap), width, height)
-                _draw_error_map(axes, rows[rows["case"] == case], h, H, scale)
-                axes.set_xticks(range(len(h)), _format_sizes(h) if i == 0 else [])
-                axes.set_yticks(range(len(H)), _format_sizes(H) if norm == "h1" else [])
-                if norm == "h1":
-                    middle: style.Look = {
-                        "transform": axes.transAxes,
-                        "rotation": 90,
-                        "ha": "center",
-                        "va": "center",
-                    }
-                    axes.set_ylabel("cell size $H$", labelpad=1)
-                    axes.text(-0.31, 0.5, case, **middle)
-                if i == 0:
-                    axes.set_xlabel("mesh size $h$", labelpad=4)
-                    axes.set_title(title, pad=6)
-            place = style.add_axes(figure, left_cm, 1.45, width, 0.25)
-            style.simplify_colour_bar(figure.colorbar(scale, cax=place, orientation="horizontal"))
+    row_step = MAP_ROW_CM * data["H"].nunique() + MAP_GAP_CM
+    with style.open_figure(svg_path, 3.55 + row_step * len(cases)) as figure:
+        for left_cm, norm in zip(PANEL_LEFTS_CM, style.NORM_TITLES, strict=True):
+            _draw_norm_column(figure, left_cm, data[data["norm"] == norm], cases)
         handles = [
             style.legend_entry("constant $h/H$", color="black", lw=0.8),
             Rectangle((0, 0), 1, 1, **BLANK_LOOK),
         ]
         blank = r"not computed        underlined: $\beta=0$, where $\lambda_H$ is not judged"
         figure.legend(handles, ["constant $h/H$", blank], loc="lower center", ncols=2)
+
+
+def _draw_norm_column(figure: Figure, left_cm: float, rows: pd.DataFrame, cases: Sequence[str]) -> None:
+    """Draw the maps of all cases in one norm, with one scale of colours; the first column has names."""
+    norm = rows["norm"].iloc[0]
+    h = np.sort(rows["h"].unique())[::-1]
+    H = np.sort(rows["H"].unique())[::-1]
+    height = MAP_ROW_CM * len(H)
+    row_step = height + MAP_GAP_CM
+    positive = rows["error"][rows["error"] > 0]
+    low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
+    scale = ScalarMappable(LogNorm(low, high), colormaps["cividis"])
+    for i, case in enumerate(cases):
+        bottom = 2.05 + row_step * len(cases) - height - i * row_step
+        axes = style.add_axes(figure, left_cm, bottom, MAP_WIDTH_CM, height)
+        _draw_error_map(axes, rows[rows["case"] == case], h, H, scale)
+        axes.set_xticks(range(len(h)), _format_sizes(h) if i == 0 else [])
+        axes.set_yticks(range(len(H)), _format_sizes(H) if norm == "h1" else [])
+        if norm == "h1":
+            middle: style.Look = {"transform": axes.transAxes, "rotation": 90, "ha": "center", "va": "center"}
+            axes.set_ylabel("cell size $H$", labelpad=1)
+            axes.text(-0.31, 0.5, case, **middle)
+        if i == 0:
+            axes.set_xlabel("mesh size $h$", labelpad=4)
+            axes.set_title(style.NORM_TITLES[norm], pad=6)
+    bar = style.add_axes(figure, left_cm, 1.45, MAP_WIDTH_CM, 0.25)
+    style.simplify_colour_bar(figure.colorbar(scale, cax=bar, orientation="horizontal"))
 
 
 def _format_sizes(sizes: np.ndarray) -> list[str]:

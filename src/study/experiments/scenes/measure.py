@@ -4,44 +4,33 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from study import scenes, tables
-from study.stability_constants import lemma_quotients
+from study.stability_constants import bound_multiplier_error, lemma_quotients
 from unilateral.discrete.condensed import discretise_case, solve_condensed_problem
 from unilateral.discrete.problem_data import problem_form
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.fem.condense import condense
-from unilateral.fem.spaces import mixed_spaces
+from unilateral.fem.condense import CondensedMatrix, condense
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact_errors import CaseProjections, ExactErrors, cell_means
+from unilateral.norms.exact_errors import CaseProjections, cell_means
 from unilateral.norms.infsup import InfSup, infsup_constants
-from unilateral.norms.ritz import ritz_projections
+from unilateral.norms.ritz import RitzProjection, ritz_projections
 from unilateral.problems.case import ExactSolution
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import forget_peak, peak_mb
 
 RUN_VARIABLES = (
-    "h1_error",
-    "hm12_error_lower",
-    "hm12_error_upper",
-    "discrete_error",
-    "hm12_best",
-    "l2_error",
-    "iterations",
-    "operator_applications",
-    "algebraic_bound",
-    "tolerance",
-    "converged",
-    "balance",
-    "quadrature_share",
-    "ritz_means",
+    *("h1_error", "hm12_error_lower", "hm12_error_upper", "discrete_error", "hm12_best", "l2_error"),
+    *("iterations", "operator_applications", "algebraic_bound", "tolerance", "converged", "balance"),
+    *("quadrature_share", "ritz_means"),
 )
 PAIR_VARIABLES = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
 PARTITION_VARIABLES = ("projection_error", "consistency", "consistency_elsewhere")
@@ -103,60 +92,102 @@ def solve_on_partitions(
     forget_peak()
     begin = time.perf_counter()
     condensed = condense(mesh, problem_form(cases[0].problem, mesh))
-    sigma_1 = condensed.sigma_1
+    sigma_1 = condensed.sigma_1  # computed at its first use, and its time counts
     condense_seconds = time.perf_counter() - begin
-    problems = ritz_projections(cases, condensed)
     table = _empty_table(mesh, cases, partitions)
     table["sigma_1"][:] = sigma_1
-    for case_index, problem in enumerate(problems):
-        for name in CASE_VARIABLES:
-            table[name][case_index, 0] = getattr(problem, name)
+    # z_h does not depend on the partition: one projection of each case serves all its runs
+    projections = ritz_projections(cases, condensed)
+    for name in CASE_VARIABLES:
+        table[name].values[:, 0] = [getattr(projection, name) for projection in projections]
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
         # The limits count as reached in spite of rounding
-        if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
-            continue
-        case_means = [cell_means(case, partition) for case in cases]
-        for name in PARTITION_VARIABLES:
-            table[name].values[:, k] = [getattr(means, name) for means in case_means]
-        spaces = mixed_spaces(condensed, partition)
-        # The dual norm on the partition; where S is singular beta is 0, and no norm is needed
-        form = None
-        if not spaces.operator.is_singular:
-            if gram is None:
-                raise ValueError("a pair with beta > 0 needs the dual norm's forms")
-            form = gram.coarsen(partition)
-        stability = infsup_constants(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
-        values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
-        for name, value in zip(PAIR_VARIABLES, values, strict=True):
-            table[name][0, k] = value
-        for case_index, problem in enumerate(problems):
-            begin = time.perf_counter()
-            exact = CaseProjections(problem, case_means[case_index])
-            table["ritz_means"][case_index, 0, k] = exact.ritz_means_norm(spaces)
-            discrete = discretise_case(spaces, exact)
-            solution = solve_condensed_problem(discrete, stop, stability.beta_lower)
-            errors = exact.errors(spaces, solution.result.lambda_H)
-            seconds[case_index, 0, k] = time.perf_counter() - begin
-            _record_run(table, case_index, k, solution, errors)
-            table["balance"][case_index, 0, k] = discrete.balance(solution)
-            # ||e||_{-1/2} of e = lambda - lambda_H lies between both bounds, and above ||e||_{-1/2,h} = D
-            if form:
-                difference = case_means[case_index].lambda_means - solution.lambda_H
-                lower, upper = form.error_bounds(case_index, difference[None])
-                table["hm12_error_lower"][case_index, 0, k] = max(float(lower[0]), errors.hm12_discrete)
-                table["hm12_error_upper"][case_index, 0, k] = upper[0]
-                table["hm12_best"][case_index, 0, k] = form.best_approximations[case_index]
-    coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
+        if H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
+            pair = _join_spaces(condensed, partition, gram)
+            seconds[:, 0, k] = _record_partition(table, k, pair, projections, stop)
     timings = xr.Dataset(
         {
             "seconds": (("case", "mesh", "partition"), seconds),
             "condense_seconds": ("mesh", [condense_seconds]),
             "peak_mb": ("mesh", [peak_mb()]),
         },
-        coords=coordinates,
+        coords={name: table[name] for name in ("case", "h", "H")},
     )
     return table, timings
+
+
+class _Pair(NamedTuple):
+    """V_h x Lambda_H of a mesh and a partition, the constants of (3.4), and the dual norm's forms there.
+
+    `gram` is None where S is singular: beta is 0 there, and no error is measured in the dual norm.
+    """
+
+    spaces: MixedSpaces
+    stability: InfSup
+    gram: Gram | None
+
+
+def _join_spaces(condensed: CondensedMatrix, partition: Partition, gram: Gram | None) -> _Pair:
+    """The pair of a mesh and a partition; the dual norm's forms from those on a refined partition."""
+    spaces = mixed_spaces(condensed, partition)
+    if spaces.operator.is_singular:
+        return _Pair(spaces, InfSup(0.0, 0.0, 0.0), None)
+    if gram is None:
+        raise ValueError("a pair with beta > 0 needs the dual norm's forms")
+    coarse_gram = gram.coarsen(partition)
+    return _Pair(spaces, infsup_constants(spaces.operator, coarse_gram.p0), coarse_gram)
+
+
+def _record_partition(
+    table: xr.Dataset, k: int, pair: _Pair, projections: Sequence[RitzProjection], stop: Stop
+) -> list[float]:
+    """Write all numbers of partition `k` into the table; the seconds of each case's solve and errors."""
+    case_means = [cell_means(projection.case, pair.spaces.partition) for projection in projections]
+    for name in PARTITION_VARIABLES:
+        table[name].values[:, k] = [getattr(means, name) for means in case_means]
+    constants = (pair.spaces.operator.lambda_min, pair.spaces.operator.lambda_max, *pair.stability)
+    for name, value in zip(PAIR_VARIABLES, constants, strict=True):
+        table[name][0, k] = value
+    seconds = []
+    for case_index, projection in enumerate(projections):
+        begin = time.perf_counter()
+        exact = CaseProjections(projection, case_means[case_index])
+        values, solution = _solve_run(pair, exact, stop)
+        seconds.append(time.perf_counter() - begin)
+        if pair.gram:
+            mean_errors = exact.cell_means.lambda_means - solution.lambda_H
+            bounds = bound_multiplier_error(pair.gram, case_index, mean_errors, values["discrete_error"])
+            values["hm12_error_lower"], values["hm12_error_upper"] = bounds
+            values["hm12_best"] = pair.gram.best_approximations[case_index]
+        for name, value in values.items():
+            table[name].values[case_index, 0, k] = value
+        result = solution.result
+        table["algorithm"].values[case_index, 0, k] = result.algorithm
+        table["lambda_H"].values[case_index, 0, k, : len(result.lambda_H)] = result.lambda_H
+    return seconds
+
+
+def _solve_run(pair: _Pair, exact: CaseProjections, stop: Stop) -> tuple[dict[str, float], DiscreteSolution]:
+    """The RUN_VARIABLES of a case on a pair, without those of the dual norm; and its solution."""
+    discrete = discretise_case(pair.spaces, exact)
+    solution = solve_condensed_problem(discrete, stop, pair.stability.beta_lower)
+    result = solution.result
+    errors = exact.errors(pair.spaces, result.lambda_H)
+    values = {
+        "h1_error": errors.h1,
+        "discrete_error": errors.hm12_discrete,
+        "l2_error": errors.l2,
+        "quadrature_share": errors.quadrature_share,
+        "iterations": result.iterations,
+        "operator_applications": result.operator_applications,
+        "algebraic_bound": result.bound,
+        "tolerance": solution.tolerance,
+        "converged": float(result.converged),
+        "balance": discrete.balance(solution),
+        "ritz_means": exact.ritz_means_norm(pair.spaces),
+    }
+    return values, solution
 
 
 def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
@@ -193,22 +224,3 @@ def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequenc
             "h_over_H": (grid, mesh.h / H[None]),
         },
     )
-
-
-def _record_run(table: xr.Dataset, c: int, k: int, solution: DiscreteSolution, errors: ExactErrors) -> None:
-    result = solution.result
-    values = {
-        "h1_error": errors.h1,
-        "discrete_error": errors.hm12_discrete,
-        "l2_error": errors.l2,
-        "quadrature_share": errors.quadrature_share,
-        "iterations": result.iterations,
-        "operator_applications": result.operator_applications,
-        "algebraic_bound": result.bound,
-        "tolerance": solution.tolerance,
-        "converged": float(result.converged),
-    }
-    for name, value in values.items():
-        table[name].values[c, 0, k] = value
-    table["algorithm"].values[c, 0, k] = result.algorithm
-    table["lambda_H"].values[c, 0, k, : len(result.lambda_H)] = result.lambda_H

@@ -12,14 +12,13 @@ import pandas as pd
 import xarray as xr
 
 from study.experiments.scenes.checks import index_rate
-from study.formats import ERROR_TITLES, SPACES, format_row, format_value
+from study.formats import DASH, ERROR_TITLES, SPACES, format_row, format_value
 from study.rates import ERROR_NORMS, smallest_rate
 from study.scenes import has_clamped_sides
 from unilateral.formulas.formula import parse_real
 from unilateral.system.declarations import read_stored_yaml
 
 SCENE_CLAIMS = Path(__file__).with_name("claims.yaml")
-NO_RATE_JUDGED = "–"
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
@@ -106,7 +105,7 @@ def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd
             )
             for norm in ERROR_NORMS
         }
-        if set(rate_texts.values()) != {NO_RATE_JUDGED}:
+        if set(rate_texts.values()) != {DASH}:
             rows.append({"case": f"`{case}`", "scenes": ", ".join(case_rates)} | rate_texts)
     return pd.DataFrame(rows)
 
@@ -114,7 +113,7 @@ def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd
 def _describe_smallest_rate(rates_rows: Sequence[xr.Dataset]) -> str:
     judged = [row for row in rates_rows if row["verdict"].item() in ("holds", "fails")]
     if not judged:
-        return "exact" if rates_rows[0]["verdict"].item() == "exact" else NO_RATE_JUDGED
+        return "exact" if rates_rows[0]["verdict"].item() == "exact" else DASH
     failed = any(row["verdict"].item() == "fails" for row in judged)
     expected = max(float(row["expected"]) for row in judged)
     return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
@@ -168,7 +167,7 @@ def tabulate_exactness(scenes: Mapping[str, xr.Dataset], claim_parameters: Mappi
         for case in table["case"].values:
             finest = table.sel(case=case).isel(mesh=-1)
             # Proposition S9: the rate 2 (p - 1); for p = 1 it is only proved that the index falls to 1
-            proved = NO_RATE_JUDGED
+            proved = DASH
             order = orders.get(case)
             if order is not None:
                 proved = f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"

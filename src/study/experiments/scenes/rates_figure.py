@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from study import style, tables
+from study.formats import DASH
 from unilateral.errors import InputError
 
 EXACT_NOTES = {"h1": r"$u_h=u$ exactly", "hm12": r"$\lambda_H=0$ exactly", "l2": r"$\lambda_H=0$ exactly"}
@@ -157,4 +158,4 @@ def _draw_rate_columns(
             continue
         for x, column in zip([*places, right], [*observed, case_rows["expected"]], strict=True):
             rates = column.dropna()
-            key.text(x, y, f"{rates.iloc[0]:.2f}" if len(rates) else "–", **text)
+            key.text(x, y, f"{rates.iloc[0]:.2f}" if len(rates) else DASH, **text)

@@ -9,28 +9,18 @@ import numpy as np
 import xarray as xr
 
 from study import scenes, tables
-from study.tables import error_in_norm
+from study.tables import ZERO_ERROR_SHARE, error_in_norm
 from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.discrete.condensed import build_condensed_problem
 from unilateral.discrete.problem_data import case_load, obstacle_means, problem_form
 from unilateral.fem.condense import condense
-from unilateral.fem.spaces import mixed_spaces
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.case import ExactSolution
-
-EXACT_LAMBDA_SHARE = 1e-12
-"""An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
-INDEX_VARIABLES = (
-    "total_index_u",
-    "total_index_lambda",
-    "total_index_v",
-    "local_index_u",
-    "local_index_lambda",
-)
 
 
 def bound_totals(
@@ -70,31 +60,41 @@ def tabulate_indices(
     Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
     takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
+    # The partition whose H/h is nearest to the one asked for
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
     spaces = mixed_spaces(condense(mesh, problem_form(cases[0].problem, mesh)), partitions[k])
-    cells = spaces.cells
-    form = spaces.condensed.form
+    runs = [solved.sel(case=case.name).isel(mesh=0, partition=k) for case in cases]
+    indices = [_bound_indices(spaces, case, run) for case, run in zip(cases, runs, strict=True)]
+    table: dict[str, Any] = {
+        name: (("case", "mesh"), [[case_indices[name]] for case_indices in indices]) for name in indices[0]
+    }
+    table["H"] = ("mesh", [partitions[k].H])
+    return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])})
+
+
+def _bound_indices(spaces: MixedSpaces, case: ExactSolution, run: xr.Dataset) -> dict[str, float]:
+    """Bounds over errors of one solution, of which `run` has the multiplier and the errors."""
+    mesh = spaces.mesh
     partition = spaces.partition
-    indices = np.full((len(INDEX_VARIABLES), len(cases), 1), np.nan)
-    for case_index, case in enumerate(cases):
-        run = solved.sel(case=case.name).isel(mesh=0, partition=k)
-        mu = run["lambda_H"].values[: len(cells)]
-        data = enclose_data(case.problem, mesh, form)
-        u_D = data.constraint.clamped_values
-        g_means = obstacle_means(case.problem, partition)
-        discrete = build_condensed_problem(spaces, case_load(case, mesh), None, g_means, u_D)
-        # u_h = u_D + u(lambda_H), from the stored multiplier
-        u_h = u_D + spaces.response(discrete.homogeneous_data[0], mu)
-        lambda_H = spaces.extend_by_zero(mu)
-        sharp = sharp_bound(data, partition, u_h, lambda_H, form)
-        cheap = local_bound(data, partition, u_h, lambda_H, form)
-        u_error = float(error_in_norm(run, "h1"))
-        lambda_error = float(error_in_norm(run, "hm12", "upper"))
-        # Where lambda_H is exact its error is rounding, and no bound over it says anything
-        lambda_error = lambda_error if lambda_error > EXACT_LAMBDA_SHARE * float(run["u_norm"]) else np.nan
-        sharp_indices = sharp.u / u_error, sharp.lambda_ / lambda_error, sharp.eta / u_error
-        indices[:, case_index, 0] = *sharp_indices, cheap.u / u_error, cheap.lambda_ / lambda_error
-    table = {name: (("case", "mesh"), values) for name, values in zip(INDEX_VARIABLES, indices, strict=True)}
-    return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
-        H=("mesh", [partition.H])
-    )
+    form = spaces.condensed.form
+    data = enclose_data(case.problem, mesh, form)
+    # u_h = u_D + u(lambda_H), from the stored multiplier; bounds hold for any u_h and any lambda_H >= 0
+    mu = run["lambda_H"].values[: len(spaces.cells)]
+    u_D = data.constraint.clamped_values
+    g_means = obstacle_means(case.problem, partition)
+    discrete = build_condensed_problem(spaces, case_load(case, mesh), None, g_means, u_D)
+    u_h = u_D + spaces.response(discrete.homogeneous_data[0], mu)
+    lambda_H = spaces.extend_by_zero(mu)
+    sharp = sharp_bound(data, partition, u_h, lambda_H, form)
+    cheap = local_bound(data, partition, u_h, lambda_H, form)
+    u_error = float(error_in_norm(run, "h1"))
+    lambda_error = float(error_in_norm(run, "hm12", "upper"))
+    # Where lambda_H is exact its error is rounding, and no bound over it says anything
+    lambda_error = lambda_error if lambda_error > ZERO_ERROR_SHARE * float(run["u_norm"]) else np.nan
+    return {
+        "total_index_u": sharp.u / u_error,
+        "total_index_lambda": sharp.lambda_ / lambda_error,
+        "total_index_v": sharp.eta / u_error,
+        "local_index_u": cheap.u / u_error,
+        "local_index_lambda": cheap.lambda_ / lambda_error,
+    }

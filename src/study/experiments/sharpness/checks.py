@@ -9,7 +9,6 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from study.evidence import (
-    RELATIVE_ROUNDING,
     Evidence,
     Tables,
     dual_norm_forms,
@@ -19,7 +18,7 @@ from study.evidence import (
     select_cases,
 )
 from study.experiments.sharpness import surfaces
-from study.tables import error_in_norm
+from study.tables import ZERO_ERROR_SHARE, error_in_norm
 from unilateral.arrays import Array
 
 
@@ -49,7 +48,7 @@ def _lemma_1_quotients(runs: xr.Dataset, m: xr.DataArray) -> Array:
     D = runs["discrete_error"]
     c = runs["consistency"]
     H = float(runs["H"])
-    is_proved = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > RELATIVE_ROUNDING)
+    is_proved = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > ZERO_ERROR_SHARE)
     beta = runs["beta_upper"].where(is_proved)
     beta_0 = runs["beta_0"].where(is_proved)
     # D^2 = m D + (m + D) k + c, that is D^2 - (m + k) D - (m k + c) = 0

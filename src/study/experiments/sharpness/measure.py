@@ -8,7 +8,7 @@ alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -19,10 +19,12 @@ import xarray as xr
 
 from study import tables
 from study.experiments.sharpness.surfaces import join_sharpness_levels, tabulate_surfaces
+from study.stability_constants import bound_multiplier_error
+from unilateral.arrays import Array
 from unilateral.discrete.condensed import discretise_case, solve_condensed_problem
 from unilateral.errors import InputError
 from unilateral.fem.condense import CondensedMatrix, condense
-from unilateral.fem.spaces import mixed_spaces
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.formulas.exact_numbers import pos
 from unilateral.formulas.expression import rational_expression
 from unilateral.formulas.formula import parse_fraction
@@ -43,18 +45,6 @@ CONTACT_LENGTH = Fraction(1, 4)
 CUTOFF_GAP_EXPONENT = Fraction(3, 2)
 """The exponent of the gap beyond the cutoff. Since lambda ends there like s^4, that transition adds nothing
 of lower order."""
-SHARPNESS_VARIABLES = (
-    "h1_error",
-    "hm12_error_lower",
-    "hm12_error_upper",
-    "l2_error",
-    "discrete_error",
-    "ritz_means",
-    "held",
-    "consistency",
-    "algebraic_bound",
-    "converged",
-)
 
 
 def family_cases(
@@ -122,47 +112,79 @@ def family_on_partition(
 
 def measure(condensed: CondensedMatrix, family: FamilyOnPartition, stop: Stop) -> xr.Dataset:
     """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
-    (alphas, gammas) = family.exponents
-    positions = family.positions
-    partition = family.partition
-    gram = family.gram
-    mesh = condensed.mesh
-    polygon = condensed.mesh.polygon
-    spaces = mixed_spaces(condensed, partition)
-    beta = infsup_constants(spaces.operator, gram.p0).beta_lower
-    shape = (len(alphas), len(gammas), len(positions))
-    measured = {name: np.full(shape, np.nan) for name in SHARPNESS_VARIABLES}
-    for a, row in enumerate(family.members):
-        # Members with one alpha and one place have one u: its projection serves all gammas
-        problems = ritz_projections([members[0] for members in row], condensed)
-        for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
-            transition = polygon.arc_length(0, float(positions[k]))
-            transition_cell = np.searchsorted(partition.points, transition) - 1
-            for c, cells in enumerate(family.means[a][k]):
-                exact = CaseProjections(replace(problem, case=members[c]), cells)
-                solution = solve_condensed_problem(discretise_case(spaces, exact), stop, beta)
-                errors = exact.errors(spaces, solution.result.lambda_H)
-                # Both bounds on ||lambda - lambda_H||_{-1/2}, which is at least D = ||z_h - u_h||_1
-                difference = cells.lambda_means - solution.lambda_H
-                lower, upper = gram.error_bounds(a * len(positions) + k, difference[None])
-                values = (
-                    errors.h1,
-                    max(float(lower[0]), errors.hm12_discrete),
-                    float(upper[0]),
-                    errors.l2,
-                    errors.hm12_discrete,
-                    exact.ritz_means_norm(spaces),
-                    float(solution.lambda_H[transition_cell] > 0),
-                    cells.consistency,
-                    solution.result.bound,
-                    float(solution.result.converged),
-                )
-                for name, value in zip(SHARPNESS_VARIABLES, values, strict=True):
-                    measured[name][a, c, k] = value
-    table = {name: (("alpha", "gamma", "position"), values) for name, values in measured.items()}
+    spaces = mixed_spaces(condensed, family.partition)
+    beta = infsup_constants(spaces.operator, family.gram.p0).beta_lower
+    alphas, gammas = family.exponents
+    by_alpha = [_measure_alpha(spaces, family, a, beta, stop) for a in range(len(alphas))]
+    table: dict[str, Any] = {
+        name: (("alpha", "gamma", "position"), np.array([errors[name] for errors in by_alpha]))
+        for name in by_alpha[0]
+    }
     coords = {"alpha": [float(x) for x in alphas], "gamma": [float(x) for x in gammas]}
-    sizes = {"h": mesh.h, "H": partition.H, "beta_lower": beta, "lambda_min": spaces.operator.lambda_min}
+    sizes = {"h": condensed.mesh.h, "H": family.partition.H}
+    sizes |= {"beta_lower": beta, "lambda_min": spaces.operator.lambda_min}
     return xr.Dataset(table, coords=coords).assign({name: ((), value) for name, value in sizes.items()})
+
+
+def _measure_alpha(
+    spaces: MixedSpaces, family: FamilyOnPartition, a: int, beta: float, stop: Stop
+) -> dict[str, Array]:
+    """The numbers over (gamma, position), by variable, of all members with the alpha of number `a`."""
+    # Members with one alpha and one place have one u: its projection and its forms serve all gammas
+    projections = ritz_projections([members[0] for members in family.members[a]], spaces.condensed)
+    by_position = []
+    for k, position in enumerate(family.positions):
+        transition = spaces.mesh.polygon.arc_length(0, float(position))
+        by_position.append(
+            [
+                _measure_member(
+                    CaseProjections(replace(projections[k], case=member), means),
+                    spaces,
+                    stop,
+                    beta=beta,
+                    gram=family.gram,
+                    u_index=a * len(family.positions) + k,
+                    transition_cell=int(np.searchsorted(family.partition.points, transition)) - 1,
+                )
+                for member, means in zip(family.members[a][k], family.means[a][k], strict=True)
+            ]
+        )
+    return {
+        name: np.array([[numbers[name] for numbers in row] for row in by_position]).T
+        for name in by_position[0][0]
+    }
+
+
+def _measure_member(
+    exact: CaseProjections,
+    spaces: MixedSpaces,
+    stop: Stop,
+    *,
+    beta: float,
+    gram: Gram,
+    u_index: int,
+    transition_cell: int,
+) -> dict[str, float]:
+    """Errors of one member, and what they depend on; its u has the number `u_index` in the forms of `gram`.
+
+    `held` is 1 where lambda_H > 0 in the `transition_cell`, so that its mean of u_h - g is held at 0.
+    """
+    solution = solve_condensed_problem(discretise_case(spaces, exact), stop, beta)
+    errors = exact.errors(spaces, solution.result.lambda_H)
+    mean_errors = exact.cell_means.lambda_means - solution.lambda_H
+    lower, upper = bound_multiplier_error(gram, u_index, mean_errors, errors.hm12_discrete)
+    return {
+        "h1_error": errors.h1,
+        "hm12_error_lower": lower,
+        "hm12_error_upper": upper,
+        "l2_error": errors.l2,
+        "discrete_error": errors.hm12_discrete,
+        "ritz_means": exact.ritz_means_norm(spaces),
+        "held": float(solution.lambda_H[transition_cell] > 0),
+        "consistency": exact.cell_means.consistency,
+        "algebraic_bound": solution.result.bound,
+        "converged": float(solution.result.converged),
+    }
 
 
 def measure_sharpness(
@@ -173,44 +195,39 @@ def measure_sharpness(
     fixed_errors: str,
     fixed_rates: str,
 ) -> None:
-    """Write errors and rates along h/H, and along H at one h. A pair that both have is solved once."""
+    """Write errors and rates along h/H, and along H at one h."""
+    solve_level = _make_level_solver(study, Stop(**stop, algorithm=study["algorithm"]))
+    ratio = parse_fraction(study["h_over_H"], "sharpness.h_over_H")
+    sizes = [parse_fraction(H, "sharpness.H") for H in study["H"]]
+    h = parse_fraction(study["fixed"]["h"], "sharpness.fixed.h")
+    fixed_sizes = [parse_fraction(H, "sharpness.fixed.H") for H in study["fixed"]["H"]]
+    for pairs, errors_file, rates_file in (
+        ([(ratio * H, H) for H in sizes], errors, rates),
+        ([(h, H) for H in fixed_sizes], fixed_errors, fixed_rates),
+    ):
+        table = join_sharpness_levels([solve_level(*pair) for pair in pairs])
+        for file, values in ((errors_file, table), (rates_file, tabulate_surfaces(table))):
+            tables.save_table(values, file, "sharpness", {"sharpness": study, "stop": stop})
+
+
+def _make_level_solver(study: Mapping[str, Any], stop: Stop) -> Callable[[Fraction, Fraction], xr.Dataset]:
+    """A function of h and H that gives the errors of all members, and solves no pair twice."""
     domain = find_polygon(study["polygon"])
-    fixed = study["fixed"]
     alphas = [parse_fraction(exponent, "sharpness.alphas") for exponent in study["alphas"]]
     gammas = [parse_fraction(exponent, "sharpness.gammas") for exponent in study["gammas"]]
-    chosen = Stop(**stop, algorithm=study["algorithm"])
-    parameters = {"sharpness": study, "stop": stop}
-
-    @cache
-    def condensed_mesh(h: Fraction) -> CondensedMatrix:
-        """The structured mesh of the size h, condensed."""
-        return condense(make_structured_mesh(domain, float(h)))
+    condensed_mesh = cache(lambda h: condense(make_structured_mesh(domain, float(h))))
 
     @cache
     def family(H: Fraction) -> FamilyOnPartition:
         """The family on the uniform partition of the size H."""
-        return family_on_partition(
-            make_uniform_partition(domain, float(H)),
-            transition_positions(H, study["positions"]),
-            (alphas, gammas),
-        )
+        cells = make_uniform_partition(domain, float(H))
+        return family_on_partition(cells, transition_positions(H, study["positions"]), (alphas, gammas))
 
     @cache
     def solve_level(h: Fraction, H: Fraction) -> xr.Dataset:
         """Errors of all members on one pair."""
-        solved = measure(condensed_mesh(h), family(H), chosen)
+        solved = measure(condensed_mesh(h), family(H), stop)
         print(f"h = {h}, H = {H} solved")
         return solved
 
-    def save_levels(levels: Sequence[xr.Dataset], to_errors: str, to_rates: str) -> None:
-        """Write the errors of all levels, and their rates."""
-        table = join_sharpness_levels(levels)
-        tables.save_table(table, to_errors, "sharpness", parameters)
-        tables.save_table(tabulate_surfaces(table), to_rates, "sharpness", parameters)
-
-    ratio = parse_fraction(study["h_over_H"], "sharpness.h_over_H")
-    sizes = [parse_fraction(H, "sharpness.H") for H in study["H"]]
-    save_levels([solve_level(ratio * H, H) for H in sizes], errors, rates)
-    h = parse_fraction(fixed["h"], "sharpness.fixed.h")
-    sizes = [parse_fraction(H, "sharpness.fixed.H") for H in fixed["H"]]
-    save_levels([solve_level(h, H) for H in sizes], fixed_errors, fixed_rates)
+    return solve_level

@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from study.experiments.sharpness.surfaces import logarithm_loss
-from study.formats import ERROR_TITLES
+from study.formats import DASH, ERROR_TITLES
 
 POSITIONS_TITLE = "positions with a multiplier in the transition's cell"
 
@@ -43,7 +43,7 @@ def tabulate_exceptions(rates: xr.Dataset, tolerances: Mapping[str, float]) -> p
             lacks = {
                 ERROR_TITLES[n]: f"{norm_misses[n]:.2f} ({norm_misses[n] - log_rate:.2f})"
                 if norm_misses[n] > tolerances[n]
-                else "–"
+                else DASH
                 for n in tolerances
             }
             share = {POSITIONS_TITLE: f"{100 * float(has_multiplier.sel(alpha=alpha, gamma=gamma)):.3g} %"}

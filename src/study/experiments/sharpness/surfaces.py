@@ -8,6 +8,7 @@ there is `discrete`, D = ||z_h - u_h||_1 = ||lambda - lambda_H||_{-1/2,h}.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -84,54 +85,54 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
     H^{-1/2} ||Pi_H(u - z_h)||_0 of Theorem 4, on which gamma has no influence, and `t_rate` its rate. `held`
     is the share of positions at which the transition's cell has a multiplier.
     """
-    H = errors["H"].values
     alpha = errors["alpha"].values
     gamma = errors["gamma"].values
-    # R.m.s. means over the positions; t = H^{-1/2} ||Pi_H(u - z_h)||_0; the consistency term bounds a square
+    levels = {"h": ("level", errors["h"].values), "H": ("level", errors["H"].values)}
+    coords = {"norm": list(ERROR_MEASURES), "alpha": alpha, "gamma": gamma} | levels
+    return xr.Dataset(_measure_rates(errors) | _predict_rates(alpha[:, None], gamma[None]), coords=coords)
+
+
+def _measure_rates(errors: xr.Dataset) -> dict[str, Any]:
+    """The measured variables of `tabulate_surfaces`, each with its dimensions."""
+    H = errors["H"].values
+    # R.m.s. means over the positions; the consistency term bounds a square, and so it has a mean
     error = np.stack([_position_mean(error_in_norm(errors, norm) ** 2) ** 0.5 for norm in ERROR_MEASURES])
+    rate = _adjacent_rates(error, H)
+    # t = H^{-1/2} ||Pi_H(u - z_h)||_0, which is the same for every gamma: the first stands for all
     t = _position_mean(errors["ritz_means"] ** 2 / errors["H"]) ** 0.5
     consistency = _position_mean(errors["consistency"])
-    rate = _adjacent_rates(error, H)
-    by_norm = ("norm", "alpha", "gamma")
+    share = np.stack([_algebraic_share(errors, norm) for norm in ERROR_MEASURES])
     surface = ("alpha", "gamma")
-    pairs = ("pair", "alpha", "gamma")
-    levels = ("level", "alpha", "gamma")
-    a = alpha[:, None]
-    c = gamma[None]
-    return xr.Dataset(
-        {
-            "error": (("norm", *levels), error),
-            "rate": (("norm", *pairs), rate),
-            "uncertainty": (by_norm, np.abs(rate[:, -1] - rate[:, -2])),
-            "predicted": (
-                ("norm", "alpha"),
-                np.stack([predicted_rate(norm, alpha) for norm in ERROR_MEASURES]),
-            ),
-            "proved": ("norm", [THEOREM_4_1_RATES[norm] for norm in ERROR_MEASURES]),
-            "left_by_proof": (by_norm, np.stack([proof_rate(norm, a, c) for norm in ERROR_MEASURES])),
-            "held": (levels, _position_mean(errors["held"])),
-            "t": (levels[:2], t[..., 0]),
-            "t_rate": (pairs[:2], _adjacent_rates(t, H)[..., 0]),
-            "consistency": (levels, consistency),
-            "consistency_rate": (pairs, _adjacent_rates(consistency, H)),
-            "consistency_predicted": (surface, consistency_rate(a, c)),
-            "share": (
-                ("norm", *levels),
-                np.stack([_algebraic_share(errors, norm) for norm in ERROR_MEASURES]),
-            ),
-            "converged": (levels, _level_values(errors["converged"].min("position"))),
-            # (j): u in H^2, that is, alpha > 0; (jj): u and g Lipschitz on every side
-            "j": (surface, np.broadcast_to(a > 0, (len(alpha), len(gamma))).astype(float)),
-            "jj": (surface, ((a >= 0) & (c >= 1)).astype(float)),
-        },
-        coords={
-            "norm": list(ERROR_MEASURES),
-            "alpha": alpha,
-            "gamma": gamma,
-            "h": ("level", errors["h"].values),
-            "H": ("level", H),
-        },
-    )
+    return {
+        "error": (("norm", "level", *surface), error),
+        "rate": (("norm", "pair", *surface), rate),
+        "uncertainty": (("norm", *surface), np.abs(rate[:, -1] - rate[:, -2])),
+        "held": (("level", *surface), _position_mean(errors["held"])),
+        "t": (("level", "alpha"), t[..., 0]),
+        "t_rate": (("pair", "alpha"), _adjacent_rates(t, H)[..., 0]),
+        "consistency": (("level", *surface), consistency),
+        "consistency_rate": (("pair", *surface), _adjacent_rates(consistency, H)),
+        "share": (("norm", "level", *surface), share),
+        "converged": (("level", *surface), _level_values(errors["converged"].min("position"))),
+    }
+
+
+def _predict_rates(alpha: Array, gamma: Array) -> dict[str, Any]:
+    """Rates by the theorems and their proof, and whether (j) and (jj) hold; alpha (a, 1), gamma (1, c)."""
+    surface = ("alpha", "gamma")
+    predicted = np.stack([predicted_rate(norm, alpha[:, 0]) for norm in ERROR_MEASURES])
+    left_by_proof = np.stack([proof_rate(norm, alpha, gamma) for norm in ERROR_MEASURES])
+    # (j): u in H^2, that is, alpha > 0; (jj): u and g Lipschitz on every side
+    j = np.broadcast_to(alpha > 0, left_by_proof.shape[1:])
+    jj = (alpha >= 0) & (gamma >= 1)
+    return {
+        "predicted": (("norm", "alpha"), predicted),
+        "proved": ("norm", [THEOREM_4_1_RATES[norm] for norm in ERROR_MEASURES]),
+        "left_by_proof": (("norm", *surface), left_by_proof),
+        "consistency_predicted": (surface, consistency_rate(alpha, gamma)),
+        "j": (surface, j.astype(float)),
+        "jj": (surface, jj.astype(float)),
+    }
 
 
 def overall_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:

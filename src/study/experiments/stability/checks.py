@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.evidence import RELATIVE_ROUNDING, Evidence, Tables, pick_worst
+from study.evidence import Evidence, Tables, pick_worst
 from study.stability_constants import pairing_constant_bound
 from unilateral.norms.resolution import is_fine_enough, is_wide_enough
+
+QUOTIENT_ROUNDING = 1e-12
+"""By so much rounding may bring a quotient of two equal numbers below 1."""
 
 
 def local_rule(
@@ -37,7 +40,7 @@ def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
             # sigma >= delta/4, (6)
             bound = pairing_constant_bound(data["delta"].values)
             quotients[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
-    return pick_worst(quotients, "the smallest singular value over its bound", 1 - RELATIVE_ROUNDING, True)
+    return pick_worst(quotients, "the smallest singular value over its bound", 1 - QUOTIENT_ROUNDING, True)
 
 
 def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:

@@ -77,37 +77,50 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     data = data.assign(look=look)
     bottom = 3.0
     with style.open_figure(svg_path, bottom + PANEL_HEIGHT_CM + 0.65) as figure:
-        ratio = style.add_axes(figure, PANEL_LEFTS_CM[0], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
-        inner = style.add_axes(figure, PANEL_LEFTS_CM[1], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
-        unsolved = style.add_axes(figure, PANEL_LEFTS_CM[2], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
-        _draw_pairs(ratio, data, "h_over_H", "beta_lower")
-        _draw_pairs(inner, data, "delta", "beta_lower")
-        _draw_pairs(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")
-        x = data["h_over_H"]
-        ratio.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
-        ratio.set_xscale("log", base=2)
-        ratio.set_xlim(x.min() / 1.2, x.max() * 1.2)
-        ratio.xaxis.set_minor_locator(NullLocator())
-        ratio.xaxis.set_major_formatter(lambda value, _: f"${style.format_fraction(value)}$")
-        ratio.axvline(1, **GUIDE_LOOK)
-        # delta from 0 to 1/2, with the bound of claim T.node
-        delta = np.linspace(0, 0.5)
-        inner.plot(delta, delta * (1 - delta), **GUIDE_LOOK)
-        inner.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL_FONT_POINTS)
-        inner.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
-        inner.tick_params(labelleft=False)
-        # The lines on which the bound is beta, and a quarter of it
-        for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
-            unsolved.plot([0, 1], [0, factor], **GUIDE_LOOK)
-            unsolved.text(*place, text, fontsize=style.SMALL_FONT_POINTS, ha="center")
-        unsolved.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
-        unsolved.tick_params(labelleft=False)
+        ratio, inner, unsolved = [
+            style.add_axes(figure, left_cm, bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+            for left_cm in PANEL_LEFTS_CM
+        ]
+        _draw_over_ratio(ratio, data)
+        _draw_over_delta(inner, data)
+        _draw_bound(unsolved, data[data["beta_fortin"] > 0])
         handles = [style.legend_entry(label, **PAIR_LOOKS[kind]) for kind, label in PAIR_LABELS.items()]
         style.add_legend(figure, handles, PANEL_LEFTS_CM[0] - 0.8, bottom - 1.25, ncols=2, labelspacing=0.5)
         note = r"$\beta$: its lower bound by eigenvalues"
         if "widest" in data:
             note += f"; the upper one is at most {format_up(100 * data['widest'].max(), '.2g')} % higher"
         style.add_note(figure, f"{note}.")
+
+
+def _draw_over_ratio(axes: Axes, data: pd.DataFrame) -> None:
+    """Draw beta over h/H, with a line at h = H."""
+    _draw_pairs(axes, data, "h_over_H", "beta_lower")
+    axes.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
+    axes.set_xscale("log", base=2)
+    axes.set_xlim(data["h_over_H"].min() / 1.2, data["h_over_H"].max() * 1.2)
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(lambda value, _: f"${style.format_fraction(value)}$")
+    axes.axvline(1, **GUIDE_LOOK)
+
+
+def _draw_over_delta(axes: Axes, data: pd.DataFrame) -> None:
+    """Draw beta over delta from 0 to 1/2, with the bound of claim T.node."""
+    _draw_pairs(axes, data, "delta", "beta_lower")
+    delta = np.linspace(0, 0.5)
+    axes.plot(delta, delta * (1 - delta), **GUIDE_LOOK)
+    axes.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL_FONT_POINTS)
+    axes.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
+    axes.tick_params(labelleft=False)
+
+
+def _draw_bound(axes: Axes, data: pd.DataFrame) -> None:
+    """Draw the bound without eigenvalues over beta, with lines where it is beta, and a quarter of it."""
+    _draw_pairs(axes, data, "beta_lower", "beta_fortin")
+    for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
+        axes.plot([0, 1], [0, factor], **GUIDE_LOOK)
+        axes.text(*place, text, fontsize=style.SMALL_FONT_POINTS, ha="center")
+    axes.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
+    axes.tick_params(labelleft=False)
 
 
 def _draw_pairs(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:

@@ -23,7 +23,7 @@ from study.stability_constants import PAIR_CONSTANTS, pair_constants
 from study.tables import save_table
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import condense
-from unilateral.fem.spaces import SINGULAR_EIGENVALUE_RATIO, mixed_spaces
+from unilateral.fem.spaces import SINGULAR_EIGENVALUE_RATIO, MixedSpaces, mixed_spaces
 from unilateral.formulas.formula import parse_real
 from unilateral.geometry.mesh import Mesh, triangulate_from_boundary
 from unilateral.geometry.partition import (
@@ -88,39 +88,56 @@ def survey_pairs(
     several partitions have is condensed once. `worst` is the worst multiplier, NaN where beta = 0 on more
     than one of them; `side` the side of each cell.
     """
-    shape = (len(sizes), len(partitions))
-    longest = max(partition.n_cells for partition in partitions)
-    values = {name: np.full(shape, np.nan) for name in PAIR_CONSTANTS}
-    worst = np.full((*shape, longest), np.nan)
-    points = np.full((len(partitions), longest + 1), np.nan)
-    side = np.full((len(partitions), longest), np.nan)
-    for p, partition in enumerate(partitions):
-        points[p, : len(partition.points)] = partition.points
-        side[p, : partition.n_cells] = partition.side
+    table = _tabulate_cells(partitions)
+    worst = np.full((len(sizes), len(partitions), table.sizes["cell"]), np.nan)
+    constants = {name: np.full(worst.shape[:2], np.nan) for name in PAIR_CONSTANTS}
     for k, size in enumerate(sizes):
         condensed = cache(condense)
-        size_meshes = make_meshes(partitions, meshes, size)
-        for p, (partition, mesh) in enumerate(zip(partitions, size_meshes, strict=True)):
-            gram_key = partition.polygon.vertices.tobytes(), partition.points.tobytes()
-            if gram_key not in grams:
-                grams[gram_key] = build_dual_norm(partition).gram().p0
-            gram = grams[gram_key]
-            spaces = mixed_spaces(condensed(mesh), partition)
-            operator = spaces.operator
-            mesh_sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            for name, value in (mesh_sizes | pair_constants(spaces, gram)).items():
-                values[name][k, p] = value
-            # With a kernel of one dimension at most the worst mu is one function
-            if np.count_nonzero(operator.spectrum <= SINGULAR_EIGENVALUE_RATIO * operator.lambda_max) <= 1:
-                symmetries = _cell_symmetries(mesh, partition, meshes[p])
-                worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
-    pair = ("mesh", "partition")
-    table: dict[str, Any] = {name: (pair, value) for name, value in values.items()}
-    table |= {"worst": ((*pair, "cell"), worst), "side": (("partition", "cell"), side)}
-    table |= {"points": (("partition", "point"), points)}
+        for p, mesh in enumerate(make_meshes(partitions, meshes, size)):
+            spaces = mixed_spaces(condensed(mesh), partitions[p])
+            numbers, mu = _survey_pair(spaces, _find_gram(partitions[p], grams), meshes[p])
+            for name, value in numbers.items():
+                constants[name][k, p] = value
+            worst[k, p, : len(mu)] = mu
+    variables: dict[str, Any] = {name: (("mesh", "partition"), values) for name, values in constants.items()}
+    return table.assign(variables | {"worst": (("mesh", "partition", "cell"), worst)})
+
+
+def _tabulate_cells(partitions: Sequence[Partition]) -> xr.Dataset:
+    """The sides and the ends of the partitions' cells, NaN beyond a partition's last one, and sizes."""
+    longest = max(partition.n_cells for partition in partitions)
+    side = np.full((len(partitions), longest), np.nan)
+    points = np.full((len(partitions), longest + 1), np.nan)
+    for p, partition in enumerate(partitions):
+        side[p, : partition.n_cells] = partition.side
+        points[p, : len(partition.points)] = partition.points
     H = [partition.H for partition in partitions]
     regularity = [partition.H_over_Hi_max for partition in partitions]
-    return xr.Dataset(table, coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)})
+    return xr.Dataset(
+        {"side": (("partition", "cell"), side), "points": (("partition", "point"), points)},
+        coords={"H": ("partition", H), "H_over_Hi_max": ("partition", regularity)},
+    )
+
+
+def _find_gram(partition: Partition, grams: Grams) -> Bracket:
+    """The Gram matrices of P0(T_H), from `grams` or else computed and added to it."""
+    gram_key = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+    if gram_key not in grams:
+        grams[gram_key] = build_dual_norm(partition).gram().p0
+    return grams[gram_key]
+
+
+def _survey_pair(spaces: MixedSpaces, gram: Bracket, mesh_spec: Spec) -> tuple[dict[str, float], Array]:
+    """The constants of one pair, and its worst multiplier (m,), NaN where that is not one function."""
+    mesh = spaces.mesh
+    partition = spaces.partition
+    operator = spaces.operator
+    numbers = {"h": mesh.h, "h_over_H": mesh.h / partition.H} | pair_constants(spaces, gram)
+    # beta = 0 on the kernel of S; where its dimension is above 1 any mu in it is as bad
+    if np.count_nonzero(operator.spectrum <= SINGULAR_EIGENVALUE_RATIO * operator.lambda_max) > 1:
+        return numbers, np.full(partition.n_cells, np.nan)
+    symmetries = _cell_symmetries(mesh, partition, mesh_spec)
+    return numbers, worst_multiplier(operator.D, gram.lower, symmetries)
 
 
 def _cell_symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[Index]:
