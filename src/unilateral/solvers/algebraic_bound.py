@@ -51,9 +51,9 @@ def condensed_algebraic_bound(
     if not operator.lambda_min_lower > 0:
         return _energy_algebraic_bound(operator, mu, gap, delta)
     # R = mu - max(0, mu - rho F) = min(mu, rho F), with the least and the largest F that rounding allows
-    low = np.minimum(mu, rho * (gap.values + (-1) * gap.rounding))
-    R = np.minimum(mu, rho * (gap.values + 0 * gap.rounding))
-    high = np.minimum(mu, rho * (gap.values + 1 * gap.rounding))
+    low = np.minimum(mu, rho * (gap.values - gap.rounding))
+    R = np.minimum(mu, rho * gap.values)
+    high = np.minimum(mu, rho * (gap.values + gap.rounding))
     weights = np.sqrt(operator.H_i)
     R_norm = float(dnrm2(weights * R))
     R_rounding = float(dnrm2(weights * (high - low)))
@@ -72,7 +72,7 @@ def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, del
     weighted = operator.H_i * mu
     unit = max(float(np.max(numbers)) for numbers in (np.abs(gap.values), gap.rounding, weighted, [delta]))
     if not 0 < unit < math.inf:
-        return unit
+        return unit  # 0 if all numbers are 0, else nothing is known
     t = operator.required_shift(gap.values - gap.rounding) / unit
     if not t < math.inf:
         return math.inf

@@ -12,6 +12,7 @@ from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
+from unilateral.solvers.uzawa_steps import UZAWA_STEP_FACTOR
 
 
 def run_algorithm(
@@ -59,7 +60,7 @@ def _choose_algorithm(
     """Plain Uzawa where rho is given or it is predicted to end within max_steps, else Nesterov."""
     if stop.rho is not None:
         return "uzawa"
-    rho = 1.9 / operator.lambda_max  # as `Uzawa` takes it
+    rho = UZAWA_STEP_FACTOR / operator.lambda_max
     with np.errstate(over="ignore", invalid="ignore"):
         first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"

@@ -53,7 +53,8 @@ def shift_to_feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, f
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
-    # how far v may be from the v meant: the rounding of the gap, of the quotient and of the difference
+    # how far v may be from the v meant: the rounding of the gap, of the quotient and of the difference.
+    # It counts twice, once for w and once for v
     changed = (lambda_H > 0) | (gap.values < gap.rounding)
     w_rounding = np.where(changed, gap.rounding / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
     A_inside = abs(A[inside][:, inside])
