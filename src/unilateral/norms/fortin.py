@@ -101,7 +101,12 @@ class Majorant(NamedTuple):
 def build_majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
     """The majorant of the Fortin operator P for the multipliers on some cells, each with a node inside."""
     chosen, deltas = innermost_nodes(mesh.s, partition)
-    knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
+    # knots: the innermost node of each cell, and the nodes that are ends of cells
+    nodes = mesh.s[:-1]
+    points = partition.points
+    nearest = points[np.searchsorted(0.5 * (points[1:] + points[:-1]), nodes)]
+    ends = nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
+    knots = np.unique(np.concatenate([chosen[deltas > 0], ends]))
     # W_i, a hat at the innermost node of cell i between the next of the knots
     W = extend_hats(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
     deviations = deviation_matrix(mesh, form)
@@ -132,14 +137,6 @@ def drop_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array
     if scale is not None:
         matrix.data *= np.repeat(scale, np.diff(matrix.indptr))
     return matrix
-
-
-def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
-    """The arc lengths of the nodes that are ends of cells, (k,)."""
-    nodes = mesh.s[:-1]
-    ends = partition.points
-    nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
-    return nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
 
 
 def _gradient_matrix(mesh: Mesh) -> sp.csr_array:

@@ -20,10 +20,7 @@ SNAP_DIAMETERS = 1e-6
 """A singular point at most this far from a cell's end, in diameters, counts as that end in the grading."""
 MAX_REFERENCE_EDGE = 0.25
 MAX_REFERENCE_EDGES = 8_000
-"""On a large polygon edges may be longer than MAX_REFERENCE_EDGE, up to the perimeter divided by this number.
-
-The bounds stay valid.
-"""
+"""On a large polygon edges may be as long as the perimeter divided by this number; the bounds stay valid."""
 
 
 def grade_boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:

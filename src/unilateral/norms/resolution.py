@@ -20,10 +20,7 @@ CELL_ROUND_OFF = 1e-9
 
 
 class Rule(NamedTuple):
-    """The least values of a `Resolution` that a rule allows.
-
-    These are H_i over the longest edge that meets cell i, and the smallest angle in degrees.
-    """
+    """The least H_i over the longest edge that meets cell i, and the least angle in degrees, of a rule."""
 
     cell_over_edge: float
     smallest_angle: float

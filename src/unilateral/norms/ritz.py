@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 
 MIN_U_SIZE = 1e-152
 MAX_U_SIZE = 1e152
-"""The largest |u| has to lie between these.
-
-Squares of errors down to 1e-3 of it are then normal numbers, and none overflows.
-"""
+"""The largest |u| lies between these: no square of an error from 1e-3 of it on is denormal or overflows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +86,14 @@ def ritz_projections(
     the range of floating point.
     """
     mesh = condensed.mesh
-    nodal_values = [_interpolate(case, mesh) for case in cases]
+    nodal_values = [case.value_and_gradient(mesh.points)[0] for case in cases]
+    for case, values in zip(cases, nodal_values, strict=True):
+        _check_u_size(case, float(np.abs(values).max()))
     integrals = [
-        integrate_case(case, mesh, v, degree, condensed.form)
-        for case, v in zip(cases, nodal_values, strict=True)
+        integrate_case(case, mesh, values, degree, condensed.form)
+        for case, values in zip(cases, nodal_values, strict=True)
     ]
-    traces = [_evaluate_on_boundary(case, mesh) for case in cases]
+    traces = [evaluate_on_boundary(case, mesh) for case in cases]
     flux = np.where(condensed.clamped_nodes[mesh.boundary], 0.0, [item.load for item in traces])
     lift = np.where(condensed.clamped_nodes, nodal_values, 0.0)
     z_h, load_trace = _solve_for_projections(condensed, [item.f_load for item in integrals], flux, lift)
@@ -158,16 +157,12 @@ def _compare_with_interpolation(
     return square_changes, condensed.solve((residual - A_d).T)[condensed.mesh.boundary].T
 
 
-def _interpolate(case: ExactSolution, mesh: Mesh) -> Array:
-    """The values of u at the nodes, (n,). Raises InputError if they are too large or too small."""
-    values = case.value_and_gradient(mesh.points)[0]
-    size = float(np.abs(values).max())
+def _check_u_size(case: ExactSolution, size: float) -> None:
     if size != 0 and not MIN_U_SIZE <= size <= MAX_U_SIZE:
         raise InputError(
             f"case '{case.name}': u is as large as {size:.3g}, and squares of its errors leave the range of "
             f"double precision; scale the data to a size between {MIN_U_SIZE:g} and {MAX_U_SIZE:g}"
         )
-    return values
 
 
 def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
@@ -247,12 +242,7 @@ def integrate_case(
     )
 
 
-def multiplier_load(case: ExactSolution, mesh: Mesh) -> Array:
-    """<lambda, phi_j> (nb,) of the boundary hats."""
-    return _evaluate_on_boundary(case, mesh).load
-
-
-class _BoundaryTrace(NamedTuple):
+class BoundaryTrace(NamedTuple):
     """A rule on the boundary edges, u (Q,) at its points, and the load <lambda, phi_j> (nb,)."""
 
     rule: BoundaryRule
@@ -260,14 +250,14 @@ class _BoundaryTrace(NamedTuple):
     load: Array
 
 
-def _evaluate_on_boundary(case: ExactSolution, mesh: Mesh) -> _BoundaryTrace:
+def evaluate_on_boundary(case: ExactSolution, mesh: Mesh) -> BoundaryTrace:
     """The trace and the load of a case, by quadrature that is split at its singular points."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular_points())
     u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
-    return _BoundaryTrace(rule, u, hat_load(mesh, rule, flux))
+    return BoundaryTrace(rule, u, hat_load(mesh, rule, flux))
 
 
-def _boundary_distance(mesh: Mesh, v: Array, trace: _BoundaryTrace) -> float:
+def _boundary_distance(mesh: Mesh, v: Array, trace: BoundaryTrace) -> float:
     """||u - v||_0 on the boundary, for v linear on the edges with the values (nb,) at their ends."""
     edge = trace.rule.interval
     position = _edge_positions(mesh, trace.rule)

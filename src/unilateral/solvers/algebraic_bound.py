@@ -58,9 +58,8 @@ def condensed_algebraic_bound(
     R_norm = float(dnrm2(weights * R))
     R_rounding = float(dnrm2(weights * (high - low)))
     # ||R||_{-1/2,h} <= lambda_max(S)^{1/2} ||R||_0 for what rounding has done to R, with room for lambda_max
-    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + R_rounding * math.sqrt(
-        2 * operator.lambda_max
-    )
+    a_rounding = R_rounding * math.sqrt(2 * operator.lambda_max)
+    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + a_rounding
     return a + (R_norm + R_rounding) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
 
 

@@ -32,10 +32,7 @@ from unilateral.solvers.kernel_cg import ActiveSetRun, Grid
 from unilateral.solvers.multigrid_bounds import multilevel_algebraic_bound
 
 RZ_RATIO_PER_CHECK = 1e-2
-"""The active set is checked each time r . z has fallen by this factor, a decade of the error.
-
-On coarser levels one such fall is enough.
-"""
+"""The active set is checked each time r . z has fallen by this factor; once on coarser levels."""
 FIRST_LEVEL_RZ_RATIO = 1e-6
 """On the first level, which starts from 0, r . z has to fall by this factor."""
 RESIDUAL_NORM_SHARE = 0.1
