@@ -79,10 +79,8 @@ def cell_means(case: ExactSolution, partition: Partition) -> CellMeans:
 
 
 def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> list[CellMeans]:
-    """The cell means and norms of cases with the same u, which is evaluated once, and different gaps u - g.
-
-    They are exact to round-off, by quadrature that is split at the singular points of all cases.
-    """
+    """Cell means and norms of cases with the same u, which is evaluated once, and different gaps u - g."""
+    # they are exact to round-off: the quadrature is split at the singular points of all cases
     singular = [point for case in cases for point in case.singular_points()]
     rule = boundary_rule(partition.polygon, partition.points, singular)
     m = partition.n_cells
@@ -130,10 +128,8 @@ class CaseProjections:
     cell_means: CellMeans
 
     def smallest_error_part(self, spaces: MixedSpaces) -> float:
-        """The smallest part of the discretisation error in ||.||_1 that is known before iterating, and not 0.
-
-        The parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
-        """
+        """The smallest part that is not 0 of the discretisation error, as far as known before iterating."""
+        # the parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0
         if spaces.operator.is_singular or self.cell_means.lambda_is_zero:
             return self.ritz.ritz_error
         lambda_part = math.sqrt(spaces.operator.lambda_min) * self.cell_means.projection_error

@@ -71,11 +71,9 @@ def beta_lower_bound(mesh: Mesh, partition: Partition, form: Form = H1) -> float
 
 
 def operator_norm_bound(rho: float, n: float) -> float:
-    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v.
-
-    With a = k^{1/2} |v|_1 and b = c^{1/2} ||v||_0, ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a
-    and b.
-    """
+    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v."""
+    # for a = k^{1/2} |v|_1, b = c^{1/2} ||v||_0 ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a, b;
+    # its largest eigenvalue is the bound's square, as ||v||^2 = a^2 + b^2
     return math.sqrt(float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]))
 
 
@@ -164,12 +162,10 @@ def _cell_integral_matrix(mesh: Mesh, partition: Partition) -> sp.csr_array:
 
 
 def _cut_term_matrix(mesh: Mesh, partition: Partition) -> sp.csr_array:
-    """The matrix (cells, k) from |v - I v|_{1,T}, T at cut edges, to bounds on the integrals of v - I v.
-
-    With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
-    most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and ||w||_{0,e}^2 is at most
-    |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
-    """
+    """The matrix (cells, k) from |v - I v|_{1,T}, T at cut edges, to bounds on the integrals of v - I v."""
+    # with w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is
+    # at most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as its integral over e is 0, and ||w||_{0,e}^2 is at most
+    # |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2 (`oscillation`)
     points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)[edge]
     p = np.diff(points) / lengths

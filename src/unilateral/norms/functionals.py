@@ -77,10 +77,8 @@ def indicator_functionals(spaces: ReferenceSpaces, partition: Partition) -> Func
 def _reference_rule(
     spaces: ReferenceSpaces, partition: Partition, case: ExactSolution | None
 ) -> tuple[BoundaryRule, Index]:
-    """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point.
-
-    It is split at the ends of cells, which need not be nodes, and at a case's singular points.
-    """
+    """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
+    # split at the ends of cells, too, which need not be nodes
     cuts, edge, cell = overlay(spaces.mesh.s, partition.points)
     rule = boundary_rule(partition.polygon, cuts, case.singular_points() if case else ())
     return rule._replace(interval=edge[rule.interval]), cell[rule.interval]

@@ -120,11 +120,8 @@ def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
 
 
 def _grade_to_shorter_neighbours(cuts: Array, end_edges: Array) -> list[Array]:
-    """Nodes beside the cuts, where an edge is at least twice as long as the one behind the cut.
-
-    `end_edges` are the lengths of the first and the last edge between a cut and the next. The longer edge is
-    halved towards the cut, until the last half is less than twice as long as the other edge.
-    """
+    """Nodes beside the cuts, where an edge is at least twice as long as the edge on the cut's other side."""
+    # the longer edge is halved towards the cut, until the last half is less than twice the other edge
     before = np.roll(end_edges, 1)
     after = end_edges
     halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)

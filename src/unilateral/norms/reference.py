@@ -56,10 +56,7 @@ def build_reference_spaces(
     edges_per_cell: int = EDGES_PER_CELL,
     form: Form = H1,
 ) -> ReferenceSpaces:
-    """The reference spaces of a partition for a form.
-
-    Their mesh has the boundary nodes of `grade_boundary_nodes`, which halves edges at the `singular` s.
-    """
+    """The reference spaces of a partition for a form; `grade_boundary_nodes` has the boundary nodes."""
     s = grade_boundary_nodes(partition, singular, edges_per_cell)
     mesh = meshes.triangulate_from_boundary(partition.polygon, s, REFERENCE_MESH_GROWTH)
     skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
@@ -89,11 +86,9 @@ def build_reference_spaces(
 
 
 def elimination_ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
-    """The rank of each unknown of P2 in the order in which they are eliminated, (n,).
-
-    The order comes from a dissection of the nodes alone. An edge goes with the earlier of its ends, so that
-    what separates nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
-    """
+    """The rank of each unknown of P2 in the order in which they are eliminated, (n,)."""
+    # a dissection of the nodes alone. An edge goes with the earlier of its ends, so that what separates nodes
+    # separates edges, too, and in spaces of fluxes the unknowns of edges
     nodes = p2.nodal_dofs[0]
     rank = np.empty(p2.N)
     order = elimination_order(A[nodes][:, nodes])

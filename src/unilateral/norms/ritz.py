@@ -82,8 +82,7 @@ def ritz_projections(
 ) -> list[RitzProjection]:
     """The projections and their errors, with quadrature of that degree in Omega, see `triangle_rules`.
 
-    All cases are solved for at once. Raises InputError for a u so large or small that squares of errors leave
-    the range of floating point.
+    All cases are solved for at once. Raises InputError for a u that is too large or too small.
     """
     mesh = condensed.mesh
     nodal_values = [case.value_and_gradient(mesh.points)[0] for case in cases]
@@ -96,11 +95,8 @@ def ritz_projections(
     traces = [evaluate_on_boundary(case, mesh) for case in cases]
     flux = np.where(condensed.clamped_nodes[mesh.boundary], 0.0, [item.load for item in traces])
     lift = np.where(condensed.clamped_nodes, nodal_values, 0.0)
-    z_h, load_trace = _solve_for_projections(condensed, [item.f_load for item in integrals], flux, lift)
-    # z_h - r_h u and (u - r_h u, phi_i), for the nodal interpolation r_h u of u
-    square_changes, defect = _compare_with_interpolation(
-        condensed, z_h - nodal_values, [item.difference_load for item in integrals]
-    )
+    z_h, load_trace = _solve_for_projections(condensed, integrals, flux, lift)
+    square_changes, defect = _compare_with_interpolation(condensed, integrals, z_h - nodal_values)
     boundary_values = z_h[:, mesh.boundary]
     return [
         RitzProjection(
@@ -122,15 +118,15 @@ def ritz_projections(
 
 
 def _solve_for_projections(
-    condensed: CondensedMatrix, f: Sequence[Array], flux: Array, lift: Array
+    condensed: CondensedMatrix, integrals: Sequence[CaseIntegrals], flux: Array, lift: Array
 ) -> tuple[Array, Array]:
     """The Ritz projections z_h (k, n) of k cases, and A^{-1} f on the boundary (k, nb).
 
-    `f` (n,) of each and `flux` (k, nb) are the loads of f and lambda, `lift` (k, n) the Dirichlet lifts.
+    `flux` (k, nb) are the loads of lambda, `lift` (k, n) the Dirichlet lifts.
     """
     boundary = condensed.mesh.boundary
     # z_h - lift solves A z = f + lambda - A lift
-    total = np.array(f)
+    total = np.array([item.f_load for item in integrals])
     total[:, boundary] += flux
     rows = zip(total, lift, strict=True)
     total = np.array([subtract_lift_from_load(condensed.mesh, condensed.form, *row) for row in rows])
@@ -142,14 +138,13 @@ def _solve_for_projections(
 
 
 def _compare_with_interpolation(
-    condensed: CondensedMatrix, d: Array, difference_loads: Sequence[Array]
+    condensed: CondensedMatrix, integrals: Sequence[CaseIntegrals], d: Array
 ) -> tuple[Array, Array]:
     """||u - z_h||^2 - ||u - r_h u||^2 (k,), and the `ritz_defect` A^{-1} (u - z_h, phi_i) (k, nb).
 
-    `d` (k, n) is z_h - r_h u, r_h u the interpolation of u at the nodes. `difference_loads` (n,) of each are
-    (u - r_h u, phi_i) in the inner product of the form.
+    `d` (k, n) is z_h - r_h u; r_h u, the interpolation of u at the nodes, is the v_h of the `integrals`.
     """
-    residual = np.where(condensed.clamped_nodes, 0.0, difference_loads)
+    residual = np.where(condensed.clamped_nodes, 0.0, [item.difference_load for item in integrals])
     A_d = (condensed.matrix_and_row_sums[0] @ d.T).T
     # ||u - z_h||^2 = ||u - r_h u||^2 + (A d - 2 (u - r_h u, .)) d
     square_changes = np.sum((A_d - 2 * residual) * d, axis=1)

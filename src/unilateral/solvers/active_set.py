@@ -58,11 +58,8 @@ def solve_by_active_set(operator: DualOperator, offset: Array, tolerance: float)
 
 
 def _solve_least_distance(operator: DualOperator, offset: Array) -> Array:
-    """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0.
-
-    On domains much larger than 1 that residual may still round to 0; lambda_H may then be negative or not
-    finite.
-    """
+    """lambda_H (m,), negative or not finite where the last residual, 1 / (1 + |y|^2), rounds to 0."""
+    # the offset is scaled so that the residual stays away from 0, except on domains much larger than 1
     from scipy.optimize import nnls
 
     # the vector h = -H_i F(0) / scale is the matrix's last row. The x >= 0 of least

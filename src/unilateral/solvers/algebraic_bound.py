@@ -64,10 +64,8 @@ def condensed_algebraic_bound(
 
 
 def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
-    """The bound of `condensed_algebraic_bound` where S is singular.
-
-    It is computed in units of the largest number, because the square of a tiny one would be 0.
-    """
+    """The bound of `condensed_algebraic_bound` where S is singular."""
+    # in units of the largest number, because the square of a tiny one would be 0
     weighted = operator.H_i * mu
     unit = max(float(np.max(numbers)) for numbers in (np.abs(gap.values), gap.rounding, weighted, [delta]))
     if not 0 < unit < math.inf:

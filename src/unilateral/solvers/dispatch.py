@@ -39,11 +39,9 @@ def run_algorithm(
 
 
 def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> None:
-    """Raises InputError for a step rho with which the steps need not converge, and may take all of max_steps.
-
-    Uzawa's steps y - rho (S y + b) are contractions for rho < 2/lambda_max(S) (5.2). Nesterov's momentum
-    is proved to converge for rho <= 1/lambda_max(S). The others only begin with rho.
-    """
+    """Raises InputError for a rho with which the steps need not converge, and may take all of max_steps."""
+    # Uzawa's steps y - rho (S y + b) are contractions for rho < 2/lambda_max(S) (5.2). Nesterov's momentum is
+    # proved to converge for rho <= 1/lambda_max(S). The others only begin with rho
     factor = {"uzawa": 2.0, "nesterov": 1.0}.get(algorithm, math.inf)
     if rho is None or rho * operator.lambda_max < factor or (rho * operator.lambda_max == factor == 1.0):
         return

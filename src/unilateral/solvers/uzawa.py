@@ -225,10 +225,8 @@ class _Iteration:
 
 
 def _scaled_energy_bound(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
-    """The bound by the energy, from the means of u(mu) - g and H_i mu_i.
-
-    It is computed in units of the largest number, because the square of a tiny one would be 0.
-    """
+    """The bound by the energy, from the means of u(mu) - g and H_i mu_i."""
+    # in units of the largest number, because the square of a tiny one would be 0
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
     if not 0 < unit < math.inf:
         return unit

@@ -1,7 +1,8 @@
 """Steps of `uzawa`'s loop from y, with its scaled gap F = S y + b and its residual R = min(y, rho F).
 
-All minimise y.Sy/2 + b.y over y >= 0, whose gradient is F. Each costs one application of S, the loop's own:
-F is affine, so it is known on the line through two points where it is known.
+Without a given rho a step has `rho_factor` / lambda_max(S). All minimise y.Sy/2 + b.y over y >= 0, whose
+gradient is F. Each costs one application of S, the loop's own: F is affine, so it is known on the line
+through two points where it is known.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ class Uzawa:
     """The steps (5.2), (5.3) themselves: y - rho F, with negative values set to 0."""
 
     rho_factor = UZAWA_STEP_FACTOR
-    """If no rho is given, it is this many times 1 / lambda_max(S)."""
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
         pass

@@ -67,10 +67,8 @@ class TruncatedCycle:
         z[self.last_level.n_coarse :] += new
 
     def _apply_cycle(self, r: Array) -> Array:
-        """The correction e (n,) of one V-cycle for r (n,), which is overwritten.
-
-        Each level has one forward sweep on the way down, and one backward sweep on the way up.
-        """
+        """The correction e (n,) of one V-cycle for r (n,), which is overwritten."""
+        # one forward sweep of each level on the way down, one backward sweep on the way up
         sweeps = []
         for level, S in zip(reversed(self.lower_levels), reversed(self.matrices), strict=True):
             sweeps.append(level.sweep_down(S, r))
@@ -85,14 +83,12 @@ class TruncatedCycle:
 
 
 def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
-    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0).
-
-    Hats that are cut may depend on each other, because few nodes are left. The added term makes the
-    correction of such functions, which are 0, small in place of arbitrary.
-    """
+    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0)."""
     try:
         return splu(S.tocsc())
     except RuntimeError:
+        # hats that are cut may depend on each other, because few nodes are left. The added term makes the
+        # correction of such functions, which are 0, small in place of arbitrary
         return splu((S + sp.diags_array(MIN_ENERGY_SHARE * A_0.diagonal())).tocsc())
 
 
@@ -127,10 +123,8 @@ def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
 
 
 def _subtract_from_level(level: FinerSpace, D: NodalMatrix) -> sp.csr_array:
-    """The level's rows minus D, in the pattern of these rows, which contains the pattern of D.
-
-    A level that was refined in a part only has the rows of its smoothed nodes.
-    """
+    """The level's rows minus D, in the pattern of these rows, which contains the pattern of D."""
+    # a level that was refined in a part only has the rows of its smoothed nodes, in an order of its own
     assert level.rows is not None
     if level.smoothed_nodes is None:
         return _subtract_in_pattern(level.rows, D.nodes, D)
