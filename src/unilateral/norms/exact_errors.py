@@ -69,7 +69,7 @@ class CellMeans:
 
     @cached_property
     def lambda_is_zero(self) -> bool:
-        """Whether lambda is 0 up to round-off of the data, whatever their size."""
+        """Whether lambda is 0 up to a thousand times the round-off of the data, whatever their size."""
         return self.lambda_norm <= 1e-12 * self.data_size
 
 

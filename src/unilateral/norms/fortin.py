@@ -98,31 +98,33 @@ class Majorant(NamedTuple):
 
 def build_majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
     """The majorant of the Fortin operator P for the multipliers on some cells, each with a node inside."""
-    chosen, deltas = innermost_nodes(mesh.s, partition)
+    innermost, deltas = innermost_nodes(mesh.s, partition)
     # knots: the innermost node of each cell, and the nodes that are ends of cells
     nodes = mesh.s[:-1]
     points = partition.points
     nearest = points[np.searchsorted(0.5 * (points[1:] + points[:-1]), nodes)]
     ends = nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
-    knots = np.unique(np.concatenate([chosen[deltas > 0], ends]))
+    knots = np.unique(np.concatenate([innermost[deltas > 0], ends]))
     # W_i, a hat at the innermost node of cell i between the next of the knots
-    W = extend_hats(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    deviations = deviation_matrix(mesh, form)
-    to_gradients = _gradient_matrix(mesh)
-    scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
-    at_corners = W[mesh.triangles.ravel()]
-    pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
+    W = extend_hats(mesh, knots)[:, np.searchsorted(knots, innermost[cells])]
+    W_at_corners = W[mesh.triangles.ravel()]
     # the integrals of W_j over cell i, with a minus off the diagonal: an M-matrix
+    pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
-    averaged = to_gradients @ deviations
+    # A I v - I v at corners, and its integrals over cells
+    deviations = deviation_matrix(mesh, form)
     means = _cell_integral_matrix(mesh, partition)[cells] @ deviations
     # grad A I v = grad I v + grad (A I v - I v)
+    to_gradients = _gradient_matrix(mesh)
+    averaged = to_gradients @ deviations
     averaged.setdiag(averaged.diagonal() + 1)
+    # drop_signs changes its argument, so it comes after the products
+    scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
     return Majorant(
         gradients=drop_signs(averaged),
         values=drop_signs(deviations, scale),
-        W_gradients=drop_signs(to_gradients @ at_corners),
-        W_values=drop_signs(at_corners, scale),
+        W_gradients=drop_signs(to_gradients @ W_at_corners),
+        W_values=drop_signs(W_at_corners, scale),
         means=drop_signs(means),
         cut_terms=_cut_term_matrix(mesh, partition)[cells],
         pairing=pairing.tocsc(),

@@ -59,8 +59,8 @@ def _count_edges(
 ) -> Index:
     """The number of edges of each part between two cuts, (k,).
 
-    A part has its share of the cell's edges, at least two between singular points so that both are graded to,
-    and so few that none is shorter than `shortest`.
+    A part has its share of the cell's edges, at least two between singular points, and so few that none is
+    shorter than `shortest`.
     """
     lengths = np.diff(cuts)
     cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
@@ -103,6 +103,7 @@ def _halve_long_edges(polygon: Polygon, s: Array) -> Array:
 
 def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,): no edge is longer than twice one on another side plus the distance."""
+    # else bounds are far apart where two sides are near each other, as in a wedge of one degree
     while True:
         ends = np.append(s, polygon.perimeter)
         lengths = np.diff(ends)

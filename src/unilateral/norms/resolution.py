@@ -17,6 +17,7 @@ from unilateral.geometry.partition import Partition, overlay
 from unilateral.geometry.plane import cross
 
 CELL_ROUND_OFF = 1e-9
+"""A node that is nearer to an end of a cell than this share of the cell counts as that end."""
 
 
 class Rule(NamedTuple):

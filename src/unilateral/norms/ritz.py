@@ -170,7 +170,7 @@ def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None 
         for rule in triangle_rules(used, case, degree):
             u, grad_u = _evaluate_at_rule(case.value_and_gradient, rule)
             value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
-            square += _squared_energy(rule.weight, value, slope, Form(c=case.c))
+            square += _squared_energy(rule.weight, value, slope, Form(c=case.c))  # cases have k = 1
     return math.sqrt(square)
 
 
@@ -272,5 +272,6 @@ def hat_load(mesh: Mesh, rule: BoundaryRule, values: Array) -> Array:
     nb = len(mesh.boundary)
     position = _edge_positions(mesh, rule)
     weighted = rule.weight * values
+    # edge e has parts of two hats: 1 - position of node e, position of node e + 1
     start = np.bincount(edge, weighted * (1 - position), nb)
     return np.asarray(start + np.roll(np.bincount(edge, weighted * position, nb), 1), dtype=float)

@@ -145,7 +145,7 @@ class ActiveSetRun:
         return np.asarray(x)
 
     def _precondition_residual(self) -> Array:
-        """The preconditioned residual z (n,)."""
+        """The preconditioned residual z (n,). What B_a^T reaches of r moves into the multiplier first."""
         grid = self.grid
         z = np.zeros_like(self.r)
         ring = grid.ring
