@@ -92,7 +92,7 @@ def ritz_projections(
         integrate_case(case, mesh, values, degree, condensed.form)
         for case, values in zip(cases, nodal_values, strict=True)
     ]
-    traces = [evaluate_on_boundary(case, mesh) for case in cases]
+    traces = [_evaluate_on_boundary(case, mesh) for case in cases]
     flux = np.where(condensed.clamped_nodes[mesh.boundary], 0.0, [item.load for item in traces])
     lift = np.where(condensed.clamped_nodes, nodal_values, 0.0)
     z_h, load_trace = _solve_for_projections(condensed, integrals, flux, lift)
@@ -237,7 +237,12 @@ def integrate_case(
     )
 
 
-class BoundaryTrace(NamedTuple):
+def multiplier_load(case: ExactSolution, mesh: Mesh) -> Array:
+    """<lambda, phi_j> (nb,) of the boundary hats."""
+    return _evaluate_on_boundary(case, mesh).load
+
+
+class _BoundaryTrace(NamedTuple):
     """A rule on the boundary edges, u (Q,) at its points, and the load <lambda, phi_j> (nb,)."""
 
     rule: BoundaryRule
@@ -245,14 +250,14 @@ class BoundaryTrace(NamedTuple):
     load: Array
 
 
-def evaluate_on_boundary(case: ExactSolution, mesh: Mesh) -> BoundaryTrace:
+def _evaluate_on_boundary(case: ExactSolution, mesh: Mesh) -> _BoundaryTrace:
     """The trace and the load of a case, by quadrature that is split at its singular points."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular_points())
     u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
-    return BoundaryTrace(rule, u, hat_load(mesh, rule, flux))
+    return _BoundaryTrace(rule, u, hat_load(mesh, rule, flux))
 
 
-def _boundary_distance(mesh: Mesh, v: Array, trace: BoundaryTrace) -> float:
+def _boundary_distance(mesh: Mesh, v: Array, trace: _BoundaryTrace) -> float:
     """||u - v||_0 on the boundary, for v linear on the edges with the values (nb,) at their ends."""
     edge = trace.rule.interval
     position = _edge_positions(mesh, trace.rule)

@@ -29,7 +29,7 @@ UNBOUNDED_T = 1e8
 def minimise_linear_plus_norm(
     S: Array, ell: Array, lower_bounds: Array, active: Mask, equalities: Mask
 ) -> Array:
-    """The best v (n, k) with v >= c, one for each column of c (n, k), which is -inf where there is no bound.
+    """The best v (n, k) with v >= c, column by column of the `lower_bounds` c (n, k), -inf for no bound.
 
     Every column of c has a finite number. v = c in the unknowns that are `equalities` (n,). S (n, n) is
     positive definite, and ell is (n,). The iteration begins with the `active` sets (n, k), where c is finite.

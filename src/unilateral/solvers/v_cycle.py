@@ -144,8 +144,8 @@ def _subtract_in_pattern(
     D_rows = np.flatnonzero(rows >= 0)
     if not len(D_rows):
         return A
-    entries, D_row = _entries_of_rows(A, rows[D_rows])
-    D_row = D_rows[D_row]
+    entries, number = _entries_of_rows(A, rows[D_rows])
+    D_row = D_rows[number]
     # the entries of A whose columns are nodes of D, and where D has these columns
     node = A.indices[entries] if columns is None else columns[A.indices[entries]]
     D_column = np.minimum(np.searchsorted(D.nodes, node), len(D.nodes) - 1)

@@ -15,7 +15,7 @@ from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas import formula
-from unilateral.norms.ritz import evaluate_on_boundary, h1_distance
+from unilateral.norms.ritz import h1_distance, multiplier_load
 from unilateral.problems.problem import Problem
 
 SIZE = 1 / 2
@@ -134,7 +134,7 @@ class Catalogued(NamedTuple):
         return np.array([h1_distance(self.problem.exact, mesh, v_h) for v_h in functions])
 
     def flux_moments(self, mesh):
-        return evaluate_on_boundary(self.problem.exact, mesh).load
+        return multiplier_load(self.problem.exact, mesh)
 
     def boundary(self, side, s):
         return self.problem.exact.trace_flux_and_gap(side, s)
