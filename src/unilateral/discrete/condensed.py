@@ -35,6 +35,7 @@ from unilateral.solvers.algebraic_bound import condensed_algebraic_bound
 from unilateral.solvers.dispatch import run_algorithm
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import SMALLEST_NORMAL, DualResult, residual_bound, warn_of_missed_tolerance
+from unilateral.solvers.uzawa_steps import UZAWA_STEP_FACTOR
 
 FIRST_TOLERANCE_SHARE = 0.01
 """Before the size of the error is known, the tolerance is this fraction of the residual at lambda = 0."""
@@ -84,8 +85,7 @@ class CondensedProblem(DiscreteProblem):
         """The result lambda = 0 with its bound."""
         operator = self.spaces.operator
         zero = np.zeros(len(self.offset))
-        # with the rho of plain Uzawa
-        rho = 1.9 / operator.lambda_max if len(zero) else math.nan
+        rho = UZAWA_STEP_FACTOR / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
         result = DualResult(
             zero,
@@ -105,7 +105,7 @@ class CondensedProblem(DiscreteProblem):
         zero = np.zeros(len(self.offset))
         if not len(zero) or operator.is_singular:
             return 0.0
-        return EPS * residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max)
+        return EPS * residual_bound(operator, self.offset, zero, UZAWA_STEP_FACTOR / operator.lambda_max)
 
     def crude_tolerance(self, share: float) -> float:
         """A tolerance: a `share` of the residual at lambda = 0, and what rounding may add to the bound."""

@@ -196,7 +196,7 @@ def build_dual_norm(
 ) -> DualNorm:
     """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points.
 
-    It is dual to the norm of a form, by default that of the cases, all of which clamp the same sides.
+    It is dual to the norm of a form, by default the form of the cases, which all clamp the same sides.
     """
     require("errors in H^(-1/2) and the constant beta need", "gmsh")
     from unilateral.norms.reference import build_reference_spaces  # for true errors only
@@ -249,7 +249,7 @@ def true_errors(
 ) -> Errors:
     """The errors of u_h (n,) and lambda_H (m,), which is constant on the cells.
 
-    That in H^{-1/2} is judged only if `judge_dual`, and those of lambda only if lambda_H is `unique`.
+    The error in H^{-1/2} is judged only if `judge_dual`, and errors of lambda only if lambda_H is `unique`.
     """
     h1 = h1_distance(case, mesh, u_h)
     l2 = math.nan

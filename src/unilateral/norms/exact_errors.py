@@ -69,7 +69,7 @@ class CellMeans:
 
     @cached_property
     def lambda_is_zero(self) -> bool:
-        """Whether lambda is 0 up to round-off of the data, whatever their size."""
+        """Whether lambda is 0 up to a thousand times the round-off of the data, whatever their size."""
         return self.lambda_norm <= 1e-12 * self.data_size
 
 
@@ -79,41 +79,33 @@ def cell_means(case: ExactSolution, partition: Partition) -> CellMeans:
 
 
 def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> list[CellMeans]:
-    """Means and norms of cases with the same u, which is evaluated once, and different gaps.
-
-    They are exact to round-off, by quadrature that is split at the singular points of all cases.
-    """
+    """Cell means and norms of cases with the same u, which is evaluated once, and different gaps u - g."""
+    # they are exact to round-off: the quadrature is split at the singular points of all cases
     singular = [point for case in cases for point in case.singular_points()]
     rule = boundary_rule(partition.polygon, partition.points, singular)
     m = partition.n_cells
-    u, flux, first = cases[0].trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
+    # all cases have the first one's u and lambda
+    u, flux, first_gap = cases[0].trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
+    gaps = [first_gap, *(case.gap(rule.side, rule.s) for case in cases[1:])]
     lambda_means = rule.integrate(flux, m) / partition.lengths
     # lambda - Pi_H lambda, whose norm is measured directly: the difference of two squares would be rounded
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
     lambda_norm = in_L2 * math.sqrt(rule.weight @ flux**2)
     projection_error = in_L2 * math.sqrt(rule.weight @ deviation**2)
-    all_means = []
-    # all cases have the first one's u and lambda
-    gaps = [first, *(case.gap(rule.side, rule.s) for case in cases[1:])]
-    for case, gap in zip(cases, gaps, strict=True):
-        gap_means = rule.integrate(gap, m) / partition.lengths
-        g_means = rule.integrate(u - gap, m) / partition.lengths
-        crossed = partition.has_inside(case.transitions())
-        size = float(np.max(np.abs(u) + np.abs(gap)))
-        all_means.append(
-            CellMeans(
-                partition=partition,
-                lambda_means=lambda_means,
-                gap_means=gap_means,
-                g_means=g_means,
-                has_transition=crossed,
-                lambda_norm=lambda_norm,
-                projection_error=projection_error,
-                data_size=size,
-            )
+    return [
+        CellMeans(
+            partition,
+            lambda_means=lambda_means,
+            gap_means=rule.integrate(gap, m) / partition.lengths,
+            g_means=rule.integrate(u - gap, m) / partition.lengths,
+            has_transition=partition.has_inside(case.transitions()),
+            lambda_norm=lambda_norm,
+            projection_error=projection_error,
+            data_size=float(np.max(np.abs(u) + np.abs(gap))),
         )
-    return all_means
+        for case, gap in zip(cases, gaps, strict=True)
+    ]
 
 
 class ExactErrors(NamedTuple):
@@ -136,10 +128,8 @@ class CaseProjections:
     cell_means: CellMeans
 
     def smallest_error_part(self, spaces: MixedSpaces) -> float:
-        """The smallest part of the discretisation error in ||.||_1 that is known before iterating, and not 0.
-
-        The parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
-        """
+        """The smallest part that is not 0 of the discretisation error, as far as known before iterating."""
+        # the parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0
         if spaces.operator.is_singular or self.cell_means.lambda_is_zero:
             return self.ritz.ritz_error
         lambda_part = math.sqrt(spaces.operator.lambda_min) * self.cell_means.projection_error
@@ -151,6 +141,7 @@ class CaseProjections:
 
     def ritz_means_norm(self, spaces: MixedSpaces) -> float:
         """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
+        # not spaces.B, which is 0 at clamped nodes, where z_h need not be
         u_means = (self.cell_means.gap_means + self.cell_means.g_means)[spaces.cells]
         lengths = spaces.operator.H_i
         B = coupling(spaces.mesh, spaces.partition)[spaces.cells]

@@ -71,11 +71,9 @@ def beta_lower_bound(mesh: Mesh, partition: Partition, form: Form = H1) -> float
 
 
 def operator_norm_bound(rho: float, n: float) -> float:
-    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v.
-
-    With a = k^{1/2} |v|_1 and b = c^{1/2} ||v||_0, ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a
-    and b.
-    """
+    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v."""
+    # for a = k^{1/2} |v|_1, b = c^{1/2} ||v||_0 ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a, b;
+    # its largest eigenvalue is the bound's square, as ||v||^2 = a^2 + b^2
     return math.sqrt(float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]))
 
 
@@ -100,29 +98,35 @@ class Majorant(NamedTuple):
 
 def build_majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
     """The majorant of the Fortin operator P for the multipliers on some cells, each with a node inside."""
-    chosen, deltas = innermost_nodes(mesh.s, partition)
-    knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
+    innermost, deltas = innermost_nodes(mesh.s, partition)
+    # knots: the innermost node of each cell, and the nodes that are ends of cells
+    nodes = mesh.s[:-1]
+    points = partition.points
+    nearest = points[np.searchsorted(0.5 * (points[1:] + points[:-1]), nodes)]
+    ends = nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
+    knots = np.unique(np.concatenate([innermost[deltas > 0], ends]))
     # W_i, a hat at the innermost node of cell i between the next of the knots
-    W = extend_hats(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    deviations = deviation_matrix(mesh, form)
-    to_gradients = _gradient_matrix(mesh)
-    cell_integrals, cut_terms = _mean_matrices(mesh, partition)
-    scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
-    at_corners = W[mesh.triangles.ravel()]
-    pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
+    W = extend_hats(mesh, knots)[:, np.searchsorted(knots, innermost[cells])]
+    W_at_corners = W[mesh.triangles.ravel()]
     # the integrals of W_j over cell i, with a minus off the diagonal: an M-matrix
+    pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
-    averaged = to_gradients @ deviations
-    means = cell_integrals[cells] @ deviations
+    # A I v - I v at corners, and its integrals over cells
+    deviations = deviation_matrix(mesh, form)
+    means = _cell_integral_matrix(mesh, partition)[cells] @ deviations
     # grad A I v = grad I v + grad (A I v - I v)
+    to_gradients = _gradient_matrix(mesh)
+    averaged = to_gradients @ deviations
     averaged.setdiag(averaged.diagonal() + 1)
+    # drop_signs changes its argument, so it comes after the products
+    scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
     return Majorant(
         gradients=drop_signs(averaged),
         values=drop_signs(deviations, scale),
-        W_gradients=drop_signs(to_gradients @ at_corners),
-        W_values=drop_signs(at_corners, scale),
+        W_gradients=drop_signs(to_gradients @ W_at_corners),
+        W_values=drop_signs(W_at_corners, scale),
         means=drop_signs(means),
-        cut_terms=cut_terms[cells],
+        cut_terms=_cut_term_matrix(mesh, partition)[cells],
         pairing=pairing.tocsc(),
     )
 
@@ -135,14 +139,6 @@ def drop_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array
     return matrix
 
 
-def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
-    """The arc lengths of the nodes that are ends of cells, (k,)."""
-    nodes = mesh.s[:-1]
-    ends = partition.points
-    nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
-    return nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
-
-
 def _gradient_matrix(mesh: Mesh) -> sp.csr_array:
     """The matrix from values at the corners of triangles to |T|^{1/2} times the gradient, (2m, 3m)."""
     m = len(mesh.triangles)
@@ -151,16 +147,12 @@ def _gradient_matrix(mesh: Mesh) -> sp.csr_array:
     return sp.csr_array((entries.ravel(), columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * m))
 
 
-def _mean_matrices(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
-    """The matrices for integrals over cells: of A I v - I v from corners, and of v - I v on cut edges.
-
-    They are (cells, 3m) and (cells, k). With w = v - I v and a part of an edge e that is the share p of it,
-    the integral of w over the part is at most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and
-    ||w||_{0,e}^2 is at most |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
-    """
+def _cell_integral_matrix(mesh: Mesh, partition: Partition) -> sp.csr_array:
+    """The matrix from the values of A I v - I v at corners to minus its integrals over cells, (cells, 3m)."""
+    # each part between ends of cells and nodes is a share of its edge; its middle is at x, from 0 to 1
     points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)[edge]
-    shares = np.diff(points) / np.diff(mesh.s)[edge]
+    shares = np.diff(points) / lengths
     x = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
     triangle = mesh.boundary_triangles[edge]
     first = np.argmax(mesh.triangles[triangle] == mesh.boundary[edge][:, None], axis=1)
@@ -168,18 +160,21 @@ def _mean_matrices(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.c
     # the integral of a linear function over a part is its length times the value in the middle
     values = -np.concatenate([lengths * shares * (1 - x), lengths * shares * x])
     shape = (partition.n_cells, 3 * len(mesh.triangles))
-    cell_integrals = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
-    # on a part that is the share p of e: (|e| p (1 - p))^{1/2} times the constant of ||w||_e
-    cut_parts = np.flatnonzero(shares < 1)
-    size = (
-        np.sqrt(lengths * shares * (1 - shares))[cut_parts]
-        * np.sqrt(trace_constants(mesh, KAPPA))[edge[cut_parts]]
-    )
-    _, column = np.unique(triangle[cut_parts], return_inverse=True)
-    cut_terms = sp.coo_array(
-        (size, (cell[cut_parts], column)), shape=(partition.n_cells, max(len(cut_parts), 1))
-    )
-    return cell_integrals, cut_terms.tocsr()
+    return sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
+
+
+def _cut_term_matrix(mesh: Mesh, partition: Partition) -> sp.csr_array:
+    """The matrix (cells, k) from |v - I v|_{1,T}, T at cut edges, to bounds on the integrals of v - I v."""
+    # with w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is
+    # at most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as its integral over e is 0, and ||w||_{0,e}^2 is at most
+    # |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2 (`oscillation`)
+    points, cell, edge = overlay(partition.points, mesh.s)
+    lengths = np.diff(mesh.s)[edge]
+    p = np.diff(points) / lengths
+    cut = np.flatnonzero(p < 1)
+    bounds = np.sqrt(lengths * p * (1 - p))[cut] * np.sqrt(trace_constants(mesh, KAPPA))[edge[cut]]
+    _, column = np.unique(mesh.boundary_triangles[edge[cut]], return_inverse=True)
+    return sp.coo_array((bounds, (cell[cut], column)), shape=(partition.n_cells, max(len(cut), 1))).tocsr()
 
 
 def collatz_norm(
@@ -207,30 +202,45 @@ def extend_hats(mesh: Mesh, knots: Array) -> sp.csr_array:
     Each falls to 0 at the next of them. Inside values fall along edges, from one layer of nodes to the next,
     by 1 over the shorter half of the hat's support.
     """
-    # on the boundary each node has the values of the hats at the knots before and after it
     widths = np.diff(knots, append=knots[0] + mesh.polygon.perimeter)
+    W = _boundary_hats(mesh, knots, widths)
+    reach = np.minimum(widths, np.roll(widths, 1))
+    ends = mesh.triangulation.ends
+    start, end = np.concatenate([ends, ends[:, ::-1]]).astype(np.intp).T
+    has_value = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
+    while True:
+        onward = np.flatnonzero(has_value[start] & ~has_value[end])
+        layer = _values_of_next_layer(mesh, W, start[onward], end[onward], reach)
+        W = W + layer
+        if not layer.nnz:
+            return W
+        has_value[end[onward]] = True
+
+
+def _boundary_hats(mesh: Mesh, knots: Array, widths: Array) -> sp.csr_array:
+    """The values (n, k) of the hats at boundary nodes; `widths` (k,) are the distances to the next knots."""
+    # each node has the values of two hats, at the knots before and after it
     before = (np.searchsorted(knots, mesh.s[:-1], side="right") - 1) % len(knots)
     t = (mesh.s[:-1] - knots[before]) % mesh.polygon.perimeter / widths[before]
     nodes = np.tile(mesh.boundary, 2)
     hats = np.concatenate([before, (before + 1) % len(knots)])
     values = np.concatenate([1 - t, t])
-    shape = (mesh.n_nodes, len(knots))
-    W = sp.coo_array((values, (nodes, hats)), shape=shape).tocsr()
-    # inside, layer by layer: the largest of the values of neighbours, less the edges' lengths over the reach
-    reach = np.minimum(widths, np.roll(widths, 1))
-    ends = mesh.triangulation.ends
-    start, end = np.concatenate([ends, ends[:, ::-1]]).astype(np.intp).T
-    has_value = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
-    while values.size:
-        onward = np.flatnonzero(has_value[start] & ~has_value[end])
-        lengths = np.linalg.norm(mesh.points[start[onward]] - mesh.points[end[onward]], axis=1)
-        rows, hats = (near := W[start[onward]].tocoo()).coords
-        lowered = near.data - lengths[rows] / reach[hats]
-        places, place_numbers = np.unique(
-            (end[onward][rows] * len(knots) + hats)[lowered > 0], return_inverse=True
-        )
-        values = np.zeros(len(places))
-        np.maximum.at(values, place_numbers, lowered[lowered > 0])
-        W = W + sp.coo_array((values, np.divmod(places, len(knots))), shape=shape).tocsr()
-        has_value[end[onward]] = True
-    return W
+    return sp.coo_array((values, (nodes, hats)), shape=(mesh.n_nodes, len(knots))).tocsr()
+
+
+def _values_of_next_layer(
+    mesh: Mesh, W: sp.csr_array, start: Index, end: Index, reach: Array
+) -> sp.csr_array:
+    """The values (n, k) > 0 at the nodes `end` of edges from nodes `start`, which have their values in W.
+
+    They are the largest of the neighbours' values, less the edges' lengths over the `reach` (k,) of the hats.
+    """
+    lengths = np.linalg.norm(mesh.points[start] - mesh.points[end], axis=1)
+    near = W[start].tocoo()
+    edges, hats = near.coords
+    lowered = near.data - lengths[edges] / reach[hats]
+    # a node and a hat are one place; several edges may lead there
+    places, place_numbers = np.unique((end[edges] * W.shape[1] + hats)[lowered > 0], return_inverse=True)
+    values = np.zeros(len(places))
+    np.maximum.at(values, place_numbers, lowered[lowered > 0])
+    return sp.coo_array((values, np.divmod(places, W.shape[1])), shape=W.shape).tocsr()

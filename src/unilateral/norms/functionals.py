@@ -39,7 +39,7 @@ def cellwise_functionals(spaces: ReferenceSpaces, partition: Partition, mu_H: Ar
 def difference_functionals(
     spaces: ReferenceSpaces, partition: Partition, case: ExactSolution, mu_H: Array
 ) -> Functionals:
-    """The `Functionals` of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here: NaN.
+    """The `Functionals` of lambda - mu_H; for a lambda outside L2 the bound on the oscillation is NaN.
 
     mu_H (k, m) is constant on the cells, or linear between its values (k, m, 2) at their ends.
     """
@@ -65,7 +65,7 @@ def indicator_functionals(spaces: ReferenceSpaces, partition: Partition) -> Func
     s = spaces.mesh.s
     m = partition.n_cells
     cell = np.searchsorted(partition.points, 0.5 * (s[1:] + s[:-1])) - 1
-    # Simpson's rule: int psi = |e|/6 at both ends, 4 |e|/6 at the midpoint
+    # <1, psi> by Simpson's rule: |e|/6 at both ends of an edge, 4 |e|/6 at its midpoint
     shares = (np.diff(s)[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
     where = (spaces.edge_unknowns.ravel(), np.repeat(cell, 3))
     loads = sp.coo_array((shares, where), shape=(spaces.n_p2, m)).tocsc()
@@ -78,34 +78,36 @@ def _reference_rule(
     spaces: ReferenceSpaces, partition: Partition, case: ExactSolution | None
 ) -> tuple[BoundaryRule, Index]:
     """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
+    # split at the ends of cells, too, which need not be nodes
     cuts, edge, cell = overlay(spaces.mesh.s, partition.points)
     rule = boundary_rule(partition.polygon, cuts, case.singular_points() if case else ())
     return rule._replace(interval=edge[rule.interval]), cell[rule.interval]
 
 
 def _integrate_functionals(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Functionals:
-    """The `Functionals` of functions with the values (Q, k) at the points of the rule."""
+    """The `Functionals` of functions mu with the values (Q, k) at the points of the rule."""
     mesh = spaces.mesh
     edge = rule.interval
     lengths = np.diff(mesh.s)
-    x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
+    x = ((rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge])[:, None]
     weighted = rule.weight[:, None] * values
-
-    def sum_by_edge(weighted: Array) -> Array:
-        """The sums (nb, k) over the points on each edge."""
-        return np.stack([np.bincount(edge, column, len(lengths)) for column in weighted.T], axis=1)
-
-    # the shape functions of P2 on an edge are 1 - x and x, less half a bubble, and the bubble 4 x (1 - x)
-    start = sum_by_edge((1 - x)[:, None] * weighted)
-    end = sum_by_edge(x[:, None] * weighted)
-    bubble = sum_by_edge((4 * x * (1 - x))[:, None] * weighted)
+    # integrals over each edge of mu times the hats 1 - x and x, and times the bubble 4 x (1 - x)
+    start = _sum_by_edge((1 - x) * weighted, edge, len(lengths))
+    end = _sum_by_edge(x * weighted, edge, len(lengths))
+    bubble = _sum_by_edge((4 * x * (1 - x)) * weighted, edge, len(lengths))
+    # the shape functions of P2 on an edge are 1 - x and x, less half a bubble, and the bubble
     loads = np.zeros((spaces.n_p2, values.shape[1]))
     shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
     np.add.at(loads, spaces.edge_unknowns.ravel(), shapes.reshape(-1, values.shape[1]))
     # Pi_1 mu: the mass matrix |e| ((2, 1), (1, 2)) / 6 has the inverse ((4, -2), (-2, 4)) / |e|
     at_start = (4 * start - 2 * end) / lengths[:, None]
     at_end = (4 * end - 2 * start) / lengths[:, None]
-    oscillation = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
-    squares = sum_by_edge(rule.weight[:, None] * oscillation**2)
+    oscillation = values - (1 - x) * at_start[edge] - x * at_end[edge]
+    squares = _sum_by_edge(rule.weight[:, None] * oscillation**2, edge, len(lengths))
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
     return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), oscillation_bound(mesh, squares))
+
+
+def _sum_by_edge(values: Array, edge: Index, n_edges: int) -> Array:
+    """The sums (nb, k) of values (Q, k) over the points on each edge."""
+    return np.stack([np.bincount(edge, column, n_edges) for column in values.T], axis=1)

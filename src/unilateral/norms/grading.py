@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
@@ -20,10 +20,7 @@ SNAP_DIAMETERS = 1e-6
 """A singular point at most this far from a cell's end, in diameters, counts as that end in the grading."""
 MAX_REFERENCE_EDGE = 0.25
 MAX_REFERENCE_EDGES = 8_000
-"""On a large polygon edges may be longer than MAX_REFERENCE_EDGE, up to the perimeter divided by this number.
-
-The bounds stay valid.
-"""
+"""On a large polygon edges may be as long as the perimeter divided by this number; the bounds stay valid."""
 
 
 def grade_boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
@@ -35,32 +32,45 @@ def grade_boundary_nodes(partition: Partition, singular: Iterable[float], edges_
     edges on a side near by. No edge is shorter than MIN_EDGE_DIAMETERS. The grading of a singular point that
     is as near to a cell's end as SNAP_DIAMETERS is to that end. Raises InputError if a cell is too short.
     """
-    polygon = partition.polygon
-    shortest = MIN_EDGE_DIAMETERS * polygon.diameter
+    shortest = MIN_EDGE_DIAMETERS * partition.polygon.diameter
     _check_cell_lengths(partition, shortest)
     points = _snap_singular_points(partition, singular)
     cuts = np.union1d(partition.points, points)
     lengths = np.diff(cuts)
-    cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
-    # each part has its share of the cell's edges, at least two between singular points, and none too short:
-    # the first of n edges at Chebyshev's points of a part is (1 - cos(pi / n)) / 2 of it
-    counts = np.ceil(lengths / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
-    both_ends = np.isin(cuts[:-1], points) & np.isin(cuts[1:], points)
-    counts = np.maximum(counts, np.where(both_ends, 2, 1))
-    max_counts = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / lengths, 1))).astype(int)
-    counts = np.minimum(counts, max_counts)
+    counts = _count_edges(partition, cuts, points, edges_per_cell, shortest)
+    # Chebyshev's points of each part between two cuts
     index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
     nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(lengths, counts)]
-    # the edges at singular points are halved again and again
-    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * lengths
+    # the first and the last edge of each part, equally long; at singular points they are halved many times
+    end_edges = (0.5 - 0.5 * np.cos(np.pi / counts)) * lengths
     halves = 0.5 ** np.arange(1, HALVINGS_AT_SINGULARITY + 1)
     for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
-        for sign, end in ((1, ends[i % len(ends)]), (-1, ends[i - 1])):
-            nodes.append(p + sign * (end * halves)[end * halves >= shortest])
-    nodes += _grade_to_shorter_neighbours(cuts[:-1], ends)
-    s = np.unique(np.concatenate(nodes) % polygon.perimeter)
-    return _halve_near_shorter_edges(polygon, _halve_long_edges(polygon, s))
+        after = end_edges[i % len(end_edges)] * halves
+        before = end_edges[i - 1] * halves
+        nodes += [p + after[after >= shortest], p - before[before >= shortest]]
+    nodes += _grade_to_shorter_neighbours(cuts[:-1], end_edges)
+    s = np.unique(np.concatenate(nodes) % partition.polygon.perimeter)
+    return _halve_near_shorter_edges(partition.polygon, _halve_long_edges(partition.polygon, s))
+
+
+def _count_edges(
+    partition: Partition, cuts: Array, singular: Array, edges_per_cell: int, shortest: float
+) -> Index:
+    """The number of edges of each part between two cuts, (k,).
+
+    A part has its share of the cell's edges, at least two between singular points, and so few that none is
+    shorter than `shortest`.
+    """
+    lengths = np.diff(cuts)
+    cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
+    # 1e-9: a part that is a whole number of edges long, up to rounding, has that number
+    counts = np.ceil(lengths / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
+    both_ends = np.isin(cuts[:-1], singular) & np.isin(cuts[1:], singular)
+    counts = np.maximum(counts, np.where(both_ends, 2, 1))
+    # the first of n edges at Chebyshev's points of a part is (1 - cos(pi / n)) / 2 of it
+    max_counts = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / lengths, 1))).astype(int)
+    return np.minimum(counts, max_counts)
 
 
 def _check_cell_lengths(partition: Partition, shortest: float) -> None:
@@ -93,6 +103,7 @@ def _halve_long_edges(polygon: Polygon, s: Array) -> Array:
 
 def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,): no edge is longer than twice one on another side plus the distance."""
+    # else bounds are far apart where two sides are near each other, as in a wedge of one degree
     while True:
         ends = np.append(s, polygon.perimeter)
         lengths = np.diff(ends)
@@ -109,10 +120,11 @@ def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
         s = np.union1d(s, middle[long])
 
 
-def _grade_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
-    """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
-    before = np.roll(ends, 1)
-    after = ends
+def _grade_to_shorter_neighbours(cuts: Array, end_edges: Array) -> list[Array]:
+    """Nodes beside the cuts, where an edge is at least twice as long as the edge on the cut's other side."""
+    # the longer edge is halved towards the cut, until the last half is less than twice the other edge
+    before = np.roll(end_edges, 1)
+    after = end_edges
     halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)
     return [
         cuts[i] + (after[i] if after[i] > before[i] else -before[i]) * 0.5 ** np.arange(1, halvings[i] + 1)

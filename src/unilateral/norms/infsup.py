@@ -30,11 +30,8 @@ class InfSup(NamedTuple):
 
 
 def infsup_constants(operator: DualOperator, gram: Bracket) -> InfSup:
-    """The constants of a mesh and a partition, from the Gram matrices (m, m) of P0(T_H).
-
-    beta is at most 1, for V_h is conforming.
-    """
-    # beta^2 = min D / G: the larger G gives the lower bound
+    """The constants of a mesh and a partition, from the Gram matrices (m, m) of P0(T_H)."""
+    # beta^2 = min D / G: the larger G gives the lower bound. beta is at most 1, as V_h is a subspace of V
     lower = _least_root(operator.D, gram.upper)
     upper = _least_root(operator.D, gram.lower)
     beta_0 = math.sqrt(max(operator.lambda_min, 0.0) / float(operator.H_i.max()))

@@ -66,8 +66,9 @@ def least_divergence_free_fluxes(
     """The least energies of fluxes of BDM1 without divergence: rotated gradients of functions in P2.
 
     q.n is the derivative of psi along the boundary. So it gives psi on every arc of edges that are not
-    clamped, up to a constant. On the first arc that is 0; the others are unknowns after those of P2, whose
-    matrix of (grad v, grad w) / k is K (n, n). `edge_unknowns` (nb, 3) are those of `ReferenceSpaces`.
+    clamped, up to a constant. On the first arc this is 0; the others are unknowns after those of P2, whose
+    matrix of (grad v, grad w) / k is K (n, n). `edge_unknowns` (nb, 3) are those of `ReferenceSpaces`. Some
+    edge has to be clamped, as it is where c = 0.
     """
     # the arcs of edges that are not clamped, numbered from an edge behind a clamped one
     from_one = np.roll(np.arange(len(has_flux)), -int(np.argmax(has_flux & ~np.roll(has_flux, 1))))
@@ -86,6 +87,7 @@ def least_divergence_free_fluxes(
     def minimise_energy(fluxes: sp.csc_array) -> Array:
         """The matrix (k, k) of the least energies for the fluxes (2 nb, k)."""
         ends = (np.diff(mesh.s)[edges, None] * fluxes[2 * edges + i].toarray() for i in (0, 1))
+        # psi runs on from arc to arc: the constants, which are free, take up the difference
         values = np.zeros((len(psi_unknowns), fluxes.shape[1]))
         local, sums = _localise_columns(_integrate_stream_function(values, places, *ends), places[1, -1])
         return sums.T @ energy.minimise((to_psi @ sp.csc_array(local)).tocsc()) @ sums
@@ -106,12 +108,9 @@ def _integrate_stream_function(values: Array, places: Index, start: Array, end: 
 
 
 def _localise_columns(psi: Array, last: np.intp) -> tuple[Array, Array]:
-    """Columns (n, k) that are local, and `sums` (k, k), by which they are turned into those of psi (n, k).
-
-    psi is constant beyond a cell on which q.n is 1, up to the `last` place. Differences of two such columns
-    over these constants are 0 beyond both cells, which saves most of the work.
-    """
-    # psi = local @ sums, by differences of columns that are constant, and large, at the last place
+    """Local columns (n, k) and `sums` (k, k) with psi (n, k) = local @ sums."""
+    # beyond a cell on which q.n is 1 psi is constant, up to the `last` place. Differences of two such columns
+    # over these constants are 0 beyond both cells, which saves most of the work
     beyond = psi[last].copy()
     sums = np.eye(psi.shape[1])
     steps = np.flatnonzero(2 * np.abs(beyond) > np.abs(psi).max(axis=0))

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
@@ -34,9 +34,9 @@ def rings(mesh: Mesh) -> tuple[Index, Index]:
     following = np.roll(mesh.triangles, -1, axis=1).ravel()
     first = np.full(mesh.n_nodes, -1)
     first[mesh.boundary] = np.roll(mesh.boundary, -1)
-    angle = (
-        _edge_directions(mesh, node, following) - _edge_directions(mesh, np.arange(mesh.n_nodes), first)[node]
-    )
+    first_angle = _edge_directions(mesh, np.arange(mesh.n_nodes), first)[node]
+    angle = _edge_directions(mesh, node, following) - first_angle
+    # the first edge itself has the angle 0, not 2 pi by rounding
     turned = np.where(following == first[node], 0.0, np.mod(angle, 2 * np.pi))
     corner = np.lexsort([turned, node])
     start = np.concatenate([[0], np.cumsum(np.bincount(node, minlength=mesh.n_nodes))])
@@ -83,30 +83,25 @@ def _deviations_from_jumps(mesh: Mesh, corner: Index, start: Index, shares: Arra
     s times the sum of those before it.
     """
     node = mesh.triangles.ravel()[corner]
-    size = np.diff(start)[node]
+    k = np.diff(start)[node]
     place = np.arange(len(node)) - start[node]
-    outer = np.zeros(mesh.n_nodes, dtype=bool)
-    outer[mesh.boundary] = True
-    outer = outer[node]
-    # a row for each corner in its ring, with an entry for each edge at its node
-    counts = size + outer
+    outer = np.isin(node, mesh.boundary)
+    # a row for each corner T in its ring, with an entry for each edge l at its node: k, or k + 1 if outer
+    counts = k + outer
     ends = np.concatenate([[0], np.cumsum(counts)])
     l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
-    size = np.repeat(size, counts)
+    k = np.repeat(k, counts)
     place = np.repeat(place, counts)
     outer = np.repeat(outer, counts)
     node = np.repeat(node, counts)
-    entry = start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
+    # the ring's corner whose edge l is: inside counted from T on, at the boundary from the first corner
+    entry = start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % k)
     # inside (k + 1 - 2 l) / (2 k) with l from 1; at the boundary 1 - s for jumps after T, -s for those before
-    values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (size - 1 - 2 * l) / (2 * size))
-    edges = _edges_at_corners(mesh, corner[entry], outer & (l == 0))
+    values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (k - 1 - 2 * l) / (2 * k))
+    # the edge that ends at the corner of its triangle; at the boundary J_0 is on the edge that starts there
+    triangle, vertex = np.divmod(corner[entry], 3)
+    edges = mesh.opposite_edges[triangle, (vertex + np.where(outer & (l == 0), 2, 1)) % 3].astype(np.intp)
     in_order = np.empty(len(corner), dtype=np.intp)
     shape = (len(corner), len(mesh.triangulation.ends))
     in_order[corner] = np.arange(len(corner))
     return sp.csr_array((values, edges, ends), shape=shape)[in_order]
-
-
-def _edges_at_corners(mesh: Mesh, corner: Index, clockwise: Mask) -> Index:
-    """The edge of a triangle that ends at each corner, or, where `clockwise`, that starts there, (k,)."""
-    triangle, k = np.divmod(corner, 3)
-    return mesh.opposite_edges[triangle, (k + np.where(clockwise, 2, 1)) % 3].astype(np.intp)

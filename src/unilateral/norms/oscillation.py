@@ -50,11 +50,9 @@ def oscillation_bound(
 def oscillation_constants(
     mesh: Mesh, square_constant: Array | float = SQUARE_CONSTANT, form: Form = H1
 ) -> Array:
-    """The factors (2, nb) of ||r||_e^2 in the terms of `oscillation_bound`, by squares and by triangles.
-
-    On every edge the smaller one of the constants for |v|_1 and of that for ||v||_T counts.
-    """
+    """The factors (2, nb) of ||r||_e^2 in the terms of `oscillation_bound`, by squares and by triangles."""
     on_squares = np.where(has_square(mesh), square_constant * np.diff(mesh.s) / form.k, math.inf)
+    # the smaller one of the constants for |v|_{1,T} and for ||v||_T
     on_triangles = np.minimum(trace_constants(mesh) / form.k, value_constants(mesh, form))
     # squares, and triangles, do not overlap: sums of squares over each kind, and the roots are added
     by_square = on_squares <= on_triangles
@@ -62,10 +60,8 @@ def oscillation_constants(
 
 
 def has_square(mesh: Mesh) -> Mask:
-    """Whether the square on each edge lies inside Omega, and apart from any square on another side, (nb,).
-
-    The squares on the exact edges (`geometry.exact_mesh`) do so, too.
-    """
+    """Whether the square on each edge lies inside Omega, and apart from any square on another side, (nb,)."""
+    # so do the squares on the exact edges (`geometry.exact_mesh`): node_shifts and stretch
     lengths = np.diff(mesh.s)
     start = mesh.points[mesh.boundary]
     middle = 0.5 * (start + np.roll(start, -1, axis=0))

@@ -43,7 +43,8 @@ class ReferenceSpaces:
     least_fluxes: LeastFluxes
 
     def suprema(self, loads: sp.csc_array) -> Array:
-        """The matrix of the form whose root is the supremum over P2 of <mu, v> / ||v||, (k, k)."""
+        """The matrix of a form (k, k) in the k loads of mu, the square of sup <mu, v> / ||v|| over P2."""
+        # b . A^{-1} b for a load b, which has no part at the fixed unknowns
         is_free = np.ones(self.n_p2)
         is_free[self.fixed] = 0.0
         return self.p2_factor.inverse_products((sp.diags_array(is_free) @ loads).tocsc())
@@ -55,20 +56,16 @@ def build_reference_spaces(
     edges_per_cell: int = EDGES_PER_CELL,
     form: Form = H1,
 ) -> ReferenceSpaces:
-    """The reference spaces of a partition, refined towards the given arc lengths too, for a form."""
-    polygon = partition.polygon
+    """The reference spaces of a partition for a form; `grade_boundary_nodes` has the boundary nodes."""
     s = grade_boundary_nodes(partition, singular, edges_per_cell)
-    mesh = meshes.triangulate_from_boundary(polygon, s, REFERENCE_MESH_GROWTH)
+    mesh = meshes.triangulate_from_boundary(partition.polygon, s, REFERENCE_MESH_GROWTH)
     skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     facet = boundary_facets(skfem_mesh, mesh)
     p2 = skfem.Basis(skfem_mesh, skfem.ElementTriP2())
     has_flux = ~form.clamped_edges(mesh)
     M = mass.assemble(p2)
-    start = mesh.boundary
-    end = np.roll(mesh.boundary, -1)
-    edge_unknowns = np.stack(
-        [p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1
-    )
+    starts = p2.nodal_dofs[0][mesh.boundary]
+    edge_unknowns = np.stack([starts, np.roll(starts, -1), p2.facet_dofs[0][facet]], axis=1)
     fixed = np.isin(np.arange(p2.N), edge_unknowns[~has_flux])
     K = sp.csr_array(laplace.assemble(p2))
     # k (grad v, grad w) + c (v, w) on P2, v = 0 on clamped edges
@@ -89,11 +86,9 @@ def build_reference_spaces(
 
 
 def elimination_ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
-    """The rank of each unknown of P2 in the order in which they are eliminated, (n,).
-
-    The order comes from a dissection of the nodes alone. An edge goes with the earlier of its ends, so that
-    what separates nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
-    """
+    """The rank of each unknown of P2 in the order in which they are eliminated, (n,)."""
+    # a dissection of the nodes alone. An edge goes with the earlier of its ends, so that what separates nodes
+    # separates edges, too, and in spaces of fluxes the unknowns of edges
     nodes = p2.nodal_dofs[0]
     rank = np.empty(p2.N)
     order = elimination_order(A[nodes][:, nodes])
@@ -103,7 +98,7 @@ def elimination_ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
 
 
 def boundary_facets(skfem_mesh: skfem.MeshTri, mesh: Mesh) -> Index:
-    """The facet of scikit-fem that is each boundary edge, (nb,)."""
+    """The facet of scikit-fem that is each boundary edge, (nb,): that of its triangle with the same ends."""
     ends = np.sort([mesh.boundary, np.roll(mesh.boundary, -1)], axis=0)
     candidates = skfem_mesh.t2f[:, mesh.boundary_triangles]
     at_edge = np.all(skfem_mesh.facets[:, candidates] == ends[:, None], axis=0)

@@ -17,13 +17,11 @@ from unilateral.geometry.partition import Partition, overlay
 from unilateral.geometry.plane import cross
 
 CELL_ROUND_OFF = 1e-9
+"""A node that is nearer to an end of a cell than this share of the cell counts as that end."""
 
 
 class Rule(NamedTuple):
-    """The least values of a `Resolution` that a rule allows.
-
-    These are H_i over the longest edge that meets cell i, and the smallest angle in degrees.
-    """
+    """The least H_i over the longest edge that meets cell i, and the least angle in degrees, of a rule."""
 
     cell_over_edge: float
     smallest_angle: float

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -26,15 +26,12 @@ if TYPE_CHECKING:
 
 MIN_U_SIZE = 1e-152
 MAX_U_SIZE = 1e152
-"""The largest |u| has to lie between these.
-
-Squares of errors down to 1e-3 of it are then normal numbers, and none overflows.
-"""
+"""The largest |u| lies between these: no square of an error from 1e-3 of it on is denormal or overflows."""
 
 
 @dataclass(frozen=True, eq=False)
 class RitzProjection:
-    """A case seen from V_h: its loads, its Ritz projection z_h and how far u is from that.
+    """A case seen from V_h: its loads, its Ritz projection z_h and how far u is from z_h.
 
     `load` (n,) is (f, phi_i); `multiplier_load` (nb,) is <lambda, phi_j>; `load_trace` (nb,) is A^{-1} f on
     the boundary; `ritz_error` is ||u - z_h||_1 and `ritz_defect` (nb,) is A^{-1} (u - z_h, phi_i)_1 on the
@@ -85,58 +82,74 @@ def ritz_projections(
 ) -> list[RitzProjection]:
     """The projections and their errors, with quadrature of that degree in Omega, see `triangle_rules`.
 
-    All cases are solved for at once. Raises InputError for a u so large or small that squares of errors leave
-    the range of floating point.
+    All cases are solved for at once. Raises InputError for a u that is too large or too small.
     """
     mesh = condensed.mesh
-    boundary = condensed.mesh.boundary
-    at_nodes = [case.value_and_gradient(mesh.points)[0] for case in cases]
-    for case, values in zip(cases, at_nodes, strict=True):
+    nodal_values = [case.value_and_gradient(mesh.points)[0] for case in cases]
+    for case, values in zip(cases, nodal_values, strict=True):
         _check_u_size(case, float(np.abs(values).max()))
-    form = condensed.form
-    fixed = condensed.clamped_nodes
-    integrals = [integrate_case(case, mesh, v, degree, form) for case, v in zip(cases, at_nodes, strict=True)]
-    f = np.array([load for load, _, _, _ in integrals])
-    residual = np.array([load for _, load, _, _ in integrals])
+    integrals = [
+        integrate_case(case, mesh, values, degree, condensed.form)
+        for case, values in zip(cases, nodal_values, strict=True)
+    ]
     traces = [_evaluate_on_boundary(case, mesh) for case in cases]
-    flux = np.array([hat_load(mesh, rule, lambda_values) for rule, _, lambda_values in traces])
-    # z_h - lift solves A z = f + lambda - A lift, for all cases at once
-    total = f.copy()
-    total[:, boundary] += flux
-    lift = np.where(fixed, at_nodes, 0.0)
-    rows = zip(total, lift, strict=True)
-    total = np.array([subtract_lift_from_load(mesh, form, load, row) for load, row in rows])
-    residual = np.where(fixed, 0.0, residual)
-    flux = np.where(fixed[boundary], 0.0, flux)
-    z_h = condensed.solve(total.T).T
-    trace_without_lift = z_h[:, boundary]
-    z_h += lift
-    values = z_h[:, boundary]
-    # with d = z_h - r_h u: ||u - z_h||^2 = ||u - r_h u||^2 + (A d - 2 (u - r_h u, .)) d, and the defect is
-    # A^{-1} (u - z_h, .) = A^{-1} ((u - r_h u, .) - A d)
-    difference = z_h - at_nodes
-    A_difference = (condensed.matrix_and_row_sums[0] @ difference.T).T
-    defect = condensed.solve((residual - A_difference).T)[boundary].T
-    # A^{-1} f on the boundary is z_h, less the lift and A^{-1} lambda
-    trace = trace_without_lift - condensed.solve_boundary(flux.T).T
-    square_changes = np.sum((A_difference - 2 * residual) * difference, axis=1)
+    flux = np.where(condensed.clamped_nodes[mesh.boundary], 0.0, [item.load for item in traces])
+    lift = np.where(condensed.clamped_nodes, nodal_values, 0.0)
+    z_h, load_trace = _solve_for_projections(condensed, integrals, flux, lift)
+    square_changes, defect = _compare_with_interpolation(condensed, integrals, z_h - nodal_values)
+    boundary_values = z_h[:, mesh.boundary]
     return [
         RitzProjection(
             case,
             condensed,
-            load=f[c],
+            load=integrals[c].f_load,
             multiplier_load=flux[c],
-            load_trace=trace[c],
-            u_norm=math.sqrt(u_square),
-            interpolation_error=math.sqrt(square),
-            ritz_error=math.sqrt(max(square + float(square_changes[c]), 0.0)),
+            load_trace=load_trace[c],
+            u_norm=math.sqrt(integrals[c].u_square),
+            interpolation_error=math.sqrt(integrals[c].difference_square),
+            ritz_error=math.sqrt(max(integrals[c].difference_square + float(square_changes[c]), 0.0)),
             ritz_defect=defect[c],
-            boundary_values=values[c],
-            ritz_boundary_error=_boundary_distance(mesh, values[c], *traces[c][:2]),
+            boundary_values=boundary_values[c],
+            ritz_boundary_error=_boundary_distance(mesh, boundary_values[c], traces[c]),
             dirichlet_lift=lift[c],
         )
-        for c, (case, (_, _, square, u_square)) in enumerate(zip(cases, integrals, strict=True))
+        for c, case in enumerate(cases)
     ]
+
+
+def _solve_for_projections(
+    condensed: CondensedMatrix, integrals: Sequence[CaseIntegrals], flux: Array, lift: Array
+) -> tuple[Array, Array]:
+    """The Ritz projections z_h (k, n) of k cases, and A^{-1} f on the boundary (k, nb).
+
+    `flux` (k, nb) are the loads of lambda, `lift` (k, n) the Dirichlet lifts.
+    """
+    boundary = condensed.mesh.boundary
+    # z_h - lift solves A z = f + lambda - A lift
+    total = np.array([item.f_load for item in integrals])
+    total[:, boundary] += flux
+    rows = zip(total, lift, strict=True)
+    total = np.array([subtract_lift_from_load(condensed.mesh, condensed.form, *row) for row in rows])
+    z_h = condensed.solve(total.T).T
+    # A^{-1} f on the boundary is z_h, less the lift and A^{-1} lambda
+    load_trace = z_h[:, boundary] - condensed.solve_boundary(flux.T).T
+    z_h += lift
+    return z_h, load_trace
+
+
+def _compare_with_interpolation(
+    condensed: CondensedMatrix, integrals: Sequence[CaseIntegrals], d: Array
+) -> tuple[Array, Array]:
+    """||u - z_h||^2 - ||u - r_h u||^2 (k,), and the `ritz_defect` A^{-1} (u - z_h, phi_i) (k, nb).
+
+    `d` (k, n) is z_h - r_h u; r_h u, the interpolation of u at the nodes, is the v_h of the `integrals`.
+    """
+    residual = np.where(condensed.clamped_nodes, 0.0, [item.difference_load for item in integrals])
+    A_d = (condensed.matrix_and_row_sums[0] @ d.T).T
+    # ||u - z_h||^2 = ||u - r_h u||^2 + (A d - 2 (u - r_h u, .)) d
+    square_changes = np.sum((A_d - 2 * residual) * d, axis=1)
+    # A^{-1} (u - z_h, .) = A^{-1} ((u - r_h u, .) - A d)
+    return square_changes, condensed.solve((residual - A_d).T)[condensed.mesh.boundary].T
 
 
 def _check_u_size(case: ExactSolution, size: float) -> None:
@@ -157,7 +170,7 @@ def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None 
         for rule in triangle_rules(used, case, degree):
             u, grad_u = _evaluate_at_rule(case.value_and_gradient, rule)
             value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
-            square += _squared_energy(rule.weight, value, slope, Form(c=case.c))
+            square += _squared_energy(rule.weight, value, slope, Form(c=case.c))  # cases have k = 1
     return math.sqrt(square)
 
 
@@ -185,52 +198,71 @@ def _squared_energy(w: Array, value: Array, slope: Array, form: Form) -> float:
     return float(np.sum(w * (form.c * value**2 + form.k * slope[..., 0] ** 2 + form.k * slope[..., 1] ** 2)))
 
 
+class CaseIntegrals(NamedTuple):
+    """(f, phi_i) and (u - v_h, phi_i) in the form's inner product, (n,); ||u - v_h||^2 and ||u||^2."""
+
+    f_load: Array
+    difference_load: Array
+    difference_square: float
+    u_square: float
+
+
 def integrate_case(
     case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None, form: Form = H1
-) -> tuple[Array, Array, float, float]:
-    """The loads (f, phi_i) and (u - v_h, phi_i) of a form, and the squared norms of u - v_h and of u."""
+) -> CaseIntegrals:
+    """The integrals of a case and a function v_h (n,) of V_h, by quadrature of that degree."""
     mesh = _drop_zero_triangles(case, mesh, v_h)
     nodal = v_h[mesh.triangles]
     slopes = gradients(mesh)
     grad_v = np.einsum("ti,tid->td", nodal, slopes)
-    m = len(mesh.triangles)
-    f_moments = np.zeros((m, 3))
-    difference_moments = np.zeros((m, 3))
-    gradient = np.zeros((m, 2))
+    f_moments = np.zeros(nodal.shape)
+    difference_moments = np.zeros(nodal.shape)
+    gradient = np.zeros(grad_v.shape)  # integrals of k grad (u - v_h)
     square = u_square = 0.0
     # (u - v_h, phi_i) = int c (u - v_h) phi_i + int k grad (u - v_h) . grad phi_i, constant on triangles
     for rule in triangle_rules(mesh, case, degree):
-        w = rule.weight
-        phi = rule.barycentric
         u, grad_u, f = _evaluate_at_rule(case.value_gradient_and_source, rule)
         value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
-        u_square += _squared_energy(w, u, grad_u, form)
-        square += _squared_energy(w, value, slope, form)
-        np.add.at(f_moments, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
-        np.add.at(difference_moments, rule.triangle, np.einsum("kq,kqb->kb", form.c * w * value, phi))
-        np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", form.k * w, slope))
-    return load_vector(mesh, f_moments), h1_load(mesh, slopes, difference_moments, gradient), square, u_square
+        u_square += _squared_energy(rule.weight, u, grad_u, form)
+        square += _squared_energy(rule.weight, value, slope, form)
+        np.add.at(f_moments, rule.triangle, np.einsum("kq,kqb->kb", rule.weight * f, rule.barycentric))
+        np.add.at(
+            difference_moments,
+            rule.triangle,
+            np.einsum("kq,kqb->kb", form.c * rule.weight * value, rule.barycentric),
+        )
+        np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", form.k * rule.weight, slope))
+    return CaseIntegrals(
+        load_vector(mesh, f_moments), h1_load(mesh, slopes, difference_moments, gradient), square, u_square
+    )
 
 
 def multiplier_load(case: ExactSolution, mesh: Mesh) -> Array:
     """<lambda, phi_j> (nb,) of the boundary hats."""
-    rule, _, flux = _evaluate_on_boundary(case, mesh)
-    return hat_load(mesh, rule, flux)
+    return _evaluate_on_boundary(case, mesh).load
 
 
-def _evaluate_on_boundary(case: ExactSolution, mesh: Mesh) -> tuple[BoundaryRule, Array, Array]:
-    """A rule on the boundary edges, and u and lambda (Q,) at its points."""
+class _BoundaryTrace(NamedTuple):
+    """A rule on the boundary edges, u (Q,) at its points, and the load <lambda, phi_j> (nb,)."""
+
+    rule: BoundaryRule
+    u: Array
+    load: Array
+
+
+def _evaluate_on_boundary(case: ExactSolution, mesh: Mesh) -> _BoundaryTrace:
+    """The trace and the load of a case, by quadrature that is split at its singular points."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular_points())
     u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
-    return rule, u, flux
+    return _BoundaryTrace(rule, u, hat_load(mesh, rule, flux))
 
 
-def _boundary_distance(mesh: Mesh, v: Array, rule: BoundaryRule, u: Array) -> float:
+def _boundary_distance(mesh: Mesh, v: Array, trace: _BoundaryTrace) -> float:
     """||u - v||_0 on the boundary, for v linear on the edges with the values (nb,) at their ends."""
-    edge = rule.interval
-    position = _edge_positions(mesh, rule)
-    difference = u - v[edge] * (1 - position) - np.roll(v, -1)[edge] * position
-    return math.sqrt(rule.weight @ difference**2)
+    edge = trace.rule.interval
+    position = _edge_positions(mesh, trace.rule)
+    difference = trace.u - v[edge] * (1 - position) - np.roll(v, -1)[edge] * position
+    return math.sqrt(trace.rule.weight @ difference**2)
 
 
 def _edge_positions(mesh: Mesh, rule: BoundaryRule) -> Array:
@@ -245,5 +277,6 @@ def hat_load(mesh: Mesh, rule: BoundaryRule, values: Array) -> Array:
     nb = len(mesh.boundary)
     position = _edge_positions(mesh, rule)
     weighted = rule.weight * values
+    # edge e has parts of two hats: 1 - position of node e, position of node e + 1
     start = np.bincount(edge, weighted * (1 - position), nb)
     return np.asarray(start + np.roll(np.bincount(edge, weighted * position, nb), 1), dtype=float)

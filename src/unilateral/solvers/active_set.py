@@ -37,6 +37,7 @@ def solve_by_active_set(operator: DualOperator, offset: Array, tolerance: float)
         lambda_H = np.full(len(offset), math.nan)
     if not np.all((lambda_H >= 0) & np.isfinite(lambda_H)):
         lambda_H = np.zeros(len(offset))
+    # S is applied for the gap, and in `residual_bound` for ||R||_S, too
     if operator.is_singular:
         bound = energy_bound(operator, offset, lambda_H)
         applications = 1
@@ -57,15 +58,12 @@ def solve_by_active_set(operator: DualOperator, offset: Array, tolerance: float)
 
 
 def _solve_least_distance(operator: DualOperator, offset: Array) -> Array:
-    """lambda_H; the offset is scaled so that the last residual, 1 / (1 + |y|^2), stays away from 0.
-
-    On domains much larger than 1 that residual may still round to 0; lambda_H may then be negative or not
-    finite.
-    """
+    """lambda_H (m,), negative or not finite where the last residual, 1 / (1 + |y|^2), rounds to 0."""
+    # the offset is scaled so that the residual stays away from 0, except on domains much larger than 1
     from scipy.optimize import nnls
 
-    # with h = -H_i F(0) / scale the x >= 0 of least |D_factor x|^2 + (h . x - 1)^2 gives lambda_H, as the
-    # last residual is 1 - h . x = 1 / (1 + |y|^2): lambda_H = scale x / (1 - h . x)
+    # the vector h = -H_i F(0) / scale is the matrix's last row. The x >= 0 of least
+    # |D_factor x|^2 + (h . x - 1)^2 gives lambda_H = scale x / (1 - h . x); 1 - h . x = 1 / (1 + |y|^2)
     scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
     if scale == 0:
         return np.zeros(len(offset))

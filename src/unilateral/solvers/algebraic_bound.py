@@ -51,28 +51,25 @@ def condensed_algebraic_bound(
     if not operator.lambda_min_lower > 0:
         return _energy_algebraic_bound(operator, mu, gap, delta)
     # R = mu - max(0, mu - rho F) = min(mu, rho F), with the least and the largest F that rounding allows
-    low = np.minimum(mu, rho * (gap.values + (-1) * gap.rounding))
-    R = np.minimum(mu, rho * (gap.values + 0 * gap.rounding))
-    high = np.minimum(mu, rho * (gap.values + 1 * gap.rounding))
+    low = np.minimum(mu, rho * (gap.values - gap.rounding))
+    R = np.minimum(mu, rho * gap.values)
+    high = np.minimum(mu, rho * (gap.values + gap.rounding))
     weights = np.sqrt(operator.H_i)
     R_norm = float(dnrm2(weights * R))
     R_rounding = float(dnrm2(weights * (high - low)))
     # ||R||_{-1/2,h} <= lambda_max(S)^{1/2} ||R||_0 for what rounding has done to R, with room for lambda_max
-    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + R_rounding * math.sqrt(
-        2 * operator.lambda_max
-    )
+    a_rounding = R_rounding * math.sqrt(2 * operator.lambda_max)
+    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + a_rounding
     return a + (R_norm + R_rounding) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
 
 
 def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
-    """The bound of `condensed_algebraic_bound` where S is singular.
-
-    It is computed in units of the largest number, because the square of a tiny one would be 0.
-    """
+    """The bound of `condensed_algebraic_bound` where S is singular."""
+    # in units of the largest number, because the square of a tiny one would be 0
     weighted = operator.H_i * mu
     unit = max(float(np.max(numbers)) for numbers in (np.abs(gap.values), gap.rounding, weighted, [delta]))
     if not 0 < unit < math.inf:
-        return unit
+        return unit  # 0 if all numbers are 0, else nothing is known
     t = operator.required_shift(gap.values - gap.rounding) / unit
     if not t < math.inf:
         return math.inf

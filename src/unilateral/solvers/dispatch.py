@@ -12,6 +12,7 @@ from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
+from unilateral.solvers.uzawa_steps import UZAWA_STEP_FACTOR
 
 
 def run_algorithm(
@@ -38,11 +39,9 @@ def run_algorithm(
 
 
 def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> None:
-    """Raises InputError for a step rho with which the steps need not converge, and may take all of max_steps.
-
-    Uzawa's steps y - rho (S y + b) are contractions for rho < 2/lambda_max(S) (5.2). Nesterov's momentum
-    is proved to converge for rho <= 1/lambda_max(S). The others only begin with rho.
-    """
+    """Raises InputError for a rho with which the steps need not converge, and may take all of max_steps."""
+    # Uzawa's steps y - rho (S y + b) are contractions for rho < 2/lambda_max(S) (5.2). Nesterov's momentum is
+    # proved to converge for rho <= 1/lambda_max(S). The others only begin with rho
     factor = {"uzawa": 2.0, "nesterov": 1.0}.get(algorithm, math.inf)
     if rho is None or rho * operator.lambda_max < factor or (rho * operator.lambda_max == factor == 1.0):
         return
@@ -59,7 +58,7 @@ def _choose_algorithm(
     """Plain Uzawa where rho is given or it is predicted to end within max_steps, else Nesterov."""
     if stop.rho is not None:
         return "uzawa"
-    rho = 1.9 / operator.lambda_max  # as `Uzawa` takes it
+    rho = UZAWA_STEP_FACTOR / operator.lambda_max
     with np.errstate(over="ignore", invalid="ignore"):
         first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"

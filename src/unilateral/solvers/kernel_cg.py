@@ -116,11 +116,8 @@ class ActiveSetRun:
             self._advance()
 
     def choose_next_set(self) -> Mask:
-        """Which cells (m,) are active next.
-
-        Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
-        that of g.
-        """
+        """Which cells (m,) are active next."""
+        # active ones stay where lambda_H > 0, others become so where the mean of u is below the mean of g
         cells = self.grid.cells
         rounding = MEAN_ROUNDING * np.max(np.abs(self.u))
         below = cells.B @ self.u - self.grid.d < -rounding * cells.lengths
@@ -148,7 +145,7 @@ class ActiveSetRun:
         return np.asarray(x)
 
     def _precondition_residual(self) -> Array:
-        """The preconditioned residual z (n,)."""
+        """The preconditioned residual z (n,). What B_a^T reaches of r moves into the multiplier first."""
         grid = self.grid
         z = np.zeros_like(self.r)
         ring = grid.ring

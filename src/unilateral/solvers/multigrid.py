@@ -32,17 +32,11 @@ from unilateral.solvers.kernel_cg import ActiveSetRun, Grid
 from unilateral.solvers.multigrid_bounds import multilevel_algebraic_bound
 
 RZ_RATIO_PER_CHECK = 1e-2
-"""The active set is checked each time r . z has fallen by this factor, a decade of the error.
-
-On coarser levels one such fall is enough.
-"""
+"""The active set is checked each time r . z has fallen by this factor; once on coarser levels."""
 FIRST_LEVEL_RZ_RATIO = 1e-6
 """On the first level, which starts from 0, r . z has to fall by this factor."""
 RESIDUAL_NORM_SHARE = 0.1
-"""(sum R_i^2 / m_i)^{1/2} may be at most this fraction of the total error that is estimated or predicted.
-
-R is the residual.
-"""
+"""(sum R_i^2 / m_i)^{1/2} of the residual R may be at most this fraction of the estimated total error."""
 BOUND_PER_ROOT_RZ = 6
 """The bound is about this many times (r . z)^{1/2}. It is not computed before it can be small enough."""
 MISSED_BOUND_SHARE = 0.7
@@ -109,11 +103,9 @@ class Multigrid:
         criterion = BoundCriterion(tolerance, fraction, max_residual_norm)
         run = settle_active_set(self.finest, u, active, criterion, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
-        bound = (
-            multilevel_algebraic_bound(self.finest, u, lambda_H)
-            if criterion.bound is None
-            else criterion.bound
-        )
+        bound = criterion.bound
+        if bound is None:  # the active sets did not settle
+            bound = multilevel_algebraic_bound(self.finest, u, lambda_H)
         return MultigridResult(
             u,
             lambda_H,
@@ -160,11 +152,7 @@ def build_multigrid(
 
 
 def settle_active_set(
-    grid: Grid,
-    u: Array,
-    active: Mask,
-    criterion: ReductionCriterion | BoundCriterion,
-    counts: list[tuple[int, int]],
+    grid: Grid, u: Array, active: Mask, criterion: Criterion, counts: list[tuple[int, int]]
 ) -> ActiveSetRun:
     """The run whose set stays the same, or the last of MAX_ACTIVE_SETS; u (n,) changes in place."""
     steps = 0
@@ -172,7 +160,7 @@ def settle_active_set(
         if grid.is_coarsest:
             u[:] = 0  # whose residual is the load itself, however small
         run = ActiveSetRun(grid, active, u)
-        steps = steps + 1
+        steps += 1
         next_active = _run_until_set_changes(run, criterion)
         counts.append((len(grid.hierarchy.levels), len(run.cg_coefficients)))
         if np.array_equal(next_active, active) or steps == MAX_ACTIVE_SETS:
@@ -181,7 +169,7 @@ def settle_active_set(
         del run  # its memory is needed for the next one
 
 
-def _run_until_set_changes(run: ActiveSetRun, criterion: ReductionCriterion | BoundCriterion) -> Mask:
+def _run_until_set_changes(run: ActiveSetRun, criterion: Criterion) -> Mask:
     """The active set (m,) after the run has ended, or as soon as it has changed."""
     max_rz: float | None = criterion.first_check(run)
     while max_rz is not None:
@@ -257,3 +245,6 @@ class BoundCriterion:
     def _max_rz_for_bound(run: ActiveSetRun, tolerance: float) -> float:
         """The r . z above which the bound is expected to be larger than the tolerance."""
         return max((tolerance / BOUND_PER_ROOT_RZ) ** 2, MIN_RZ_RATIO * run.first_rz)
+
+
+Criterion = ReductionCriterion | BoundCriterion

@@ -28,12 +28,9 @@ from unilateral.formulas.taylor import EPS
 from unilateral.solvers.kernel_cg import Grid
 
 MAX_NORM_CYCLES = 6
+"""A lower bound on the norm of lambda_H takes at most so many V-cycles on a level."""
 MIN_NORM_GAIN = 0.01
-"""A lower bound on the norm of lambda_H takes at most MAX_NORM_CYCLES V-cycles.
-
-They end before one that would add no more than the fraction MIN_NORM_GAIN to the square of the norm. The same
-fraction decides on which level they end, in `multiplier_norm_lower_bound`.
-"""
+"""Cycles end before one that would add no more than this fraction to the square of the norm; so do levels."""
 
 
 def multilevel_algebraic_bound(grid: Grid, u: Array, lambda_H: Array) -> float:
@@ -53,7 +50,8 @@ def shift_to_feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, f
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
-    # how far v may be from the v meant: the rounding of the gap, of the quotient and of the difference
+    # how far v may be from the v meant: the rounding of the gap, of the quotient and of the difference.
+    # It counts twice, once for w and once for v
     changed = (lambda_H > 0) | (gap.values < gap.rounding)
     w_rounding = np.where(changed, gap.rounding / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
     A_inside = abs(A[inside][:, inside])
@@ -65,17 +63,15 @@ def shift_to_feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, f
 
 
 def multiplier_norm_lower_bound(grids: Sequence[Grid], lambda_H: Array) -> float:
-    """A lower bound on ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
-
-    The `grids` are tried from coarse to fine. The last one is the first that adds so little to the square
-    that, if all others added as much, it would still be little.
-    """
+    """A lower bound on ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v."""
     # the functional <lambda_H, .> on the hats of each level, coarse levels first
     functionals = [grids[-1].cells.B.T @ lambda_H]
     for grid in grids[:0:-1]:
         R = functionals[0].copy()
         grid.hierarchy.levels[-1].restrict(R)
         functionals.insert(0, R[: grid.hierarchy.levels[-1].n_coarse])
+    # from coarse to fine; the last grid is the first that adds so little to the square that all others, if
+    # each added as much, would still add little
     norm = 0.0
     for remaining, grid, R in zip(range(len(grids))[::-1], grids, functionals, strict=True):
         previous_norm = norm
@@ -98,10 +94,8 @@ def functional_norm_lower_bound(hierarchy: Hierarchy, R: Array) -> float:
 
 
 def _solve_by_cycles(hierarchy: Hierarchy, R: Array) -> Array:
-    """v (n,) with A v nearly R (n,), by a few V-cycles.
-
-    Each is for the residual that is left, and its result is made conjugate to those before.
-    """
+    """v (n,) with A v nearly R (n,), by a few V-cycles."""
+    # each is for the residual that is left, and its result is made conjugate to those before
     residual = R
     v = np.zeros_like(R)
     directions = list[tuple[Array, Array]]()

@@ -63,6 +63,7 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
     """
     if operator.is_singular:
         return math.inf
+    # mu - max(0, mu - rho F) = min(mu, rho F)
     R = np.minimum(mu, rho * operator.gap(mu, offset))
     R_norm = dnrm2(np.sqrt(operator.H_i) * R)
     return scaled_matrix_norm(operator.D, R, R_norm) + R_norm / (rho * math.sqrt(operator.lambda_min))
@@ -101,7 +102,7 @@ def uzawa(
 ) -> DualResult:
     """Iterates lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
 
-    `offset` (m,) is F(0); `rho` is by default 1.9 / lambda_max(S), `start` (m,) >= 0 by default 0. Another
+    `offset` (m,) is F(0), `start` (m,) >= 0 is by default 0, `rho` UZAWA_STEP_FACTOR / lambda_max(S). Another
     `method` of `uzawa_steps.STEP_METHODS` makes its own steps instead, with rho by default 1 / lambda_max(S).
     `apply(y, out)` computes S y in another way than `ContactColumns`; what is guaranteed is then so for the S
     y that it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
@@ -110,18 +111,12 @@ def uzawa(
     is not below MAX_RESIDUAL.
     """
     check_offset(offset, tolerance)
-    if method == "newton" and operator.is_singular:
-        raise InputError("the method newton needs a regular S, with h/H small; take active_set")
-    method_class = STEP_METHODS[method]
+    rho = _choose_rho(operator, method, rho)
     scaling = np.sqrt(operator.H_i)
-    if rho is None:
-        rho = method_class.rho_factor / operator.lambda_max
-    if not 0 < rho < math.inf:
-        raise InputError(f"the step rho = {rho} must be positive and finite")
     # y_i = H_i^{1/2} mu_i
     y = np.zeros(len(scaling)) if start is None else scaling * start
     iteration = _Iteration(operator, scaling * offset, rho, apply, observe)
-    advance = method_class(operator.S, iteration.b, rho, y)
+    advance = STEP_METHODS[method](operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
     result = DualResult(
@@ -135,6 +130,17 @@ def uzawa(
     )
     warn_of_missed_tolerance(result, tolerance)
     return result
+
+
+def _choose_rho(operator: DualOperator, method: str, rho: float | None) -> float:
+    """The step rho, by default the method's own. Raises InputError if it or the method cannot be meant."""
+    if method == "newton" and operator.is_singular:
+        raise InputError("the method newton needs a regular S, with h/H small; take active_set")
+    if rho is None:
+        rho = STEP_METHODS[method].rho_factor / operator.lambda_max
+    if not 0 < rho < math.inf:
+        raise InputError(f"the step rho = {rho} must be positive and finite")
+    return rho
 
 
 def warn_of_missed_tolerance(result: DualResult, tolerance: float) -> None:
@@ -197,7 +203,7 @@ class _Iteration:
                     f"the first residual, {size:.3g}, is not below {MAX_RESIDUAL:g}; scale the data to about "
                     "1, start from smaller numbers, or take a smaller rho"
                 )
-            # if the second summand of the bound alone is above the tolerance, the first need not be computed
+            # if ||R||_0 / (rho lambda_min^{1/2}) is above the tolerance, so is the bound: no need for ||R||_S
             last = step == max_steps or not size < MAX_RESIDUAL
             if last or self.singular or size * self.bound_per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)
@@ -219,10 +225,8 @@ class _Iteration:
 
 
 def _scaled_energy_bound(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
-    """The bound by the energy, from the means of u(mu) - g and H_i mu_i.
-
-    It is computed in units of the largest number, because the square of a tiny one would be 0.
-    """
+    """The bound by the energy, from the means of u(mu) - g and H_i mu_i."""
+    # in units of the largest number, because the square of a tiny one would be 0
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
     if not 0 < unit < math.inf:
         return unit

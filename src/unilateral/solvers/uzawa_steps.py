@@ -1,7 +1,8 @@
 """Steps of `uzawa`'s loop from y, with its scaled gap F = S y + b and its residual R = min(y, rho F).
 
-All minimise y.Sy/2 + b.y over y >= 0, whose gradient is F. Each costs one application of S, the loop's own:
-F is affine, so it is known on the line through two points where it is known.
+Without a given rho a step has `rho_factor` / lambda_max(S). All minimise y.Sy/2 + b.y over y >= 0, whose
+gradient is F. Each costs one application of S, the loop's own: F is affine, so it is known on the line
+through two points where it is known.
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ from scipy.linalg import cho_factor, cho_solve
 
 from unilateral.arrays import Array
 
+UZAWA_STEP_FACTOR = 1.9
+"""Uzawa's rho, if none is given, in units of 1 / lambda_max(S); steps are contractions below 2 (5.2)."""
+
 
 class Uzawa:
     """The steps (5.2), (5.3) themselves: y - rho F, with negative values set to 0."""
 
-    rho_factor = 1.9
-    """If no rho is given, it is this many times 1 / lambda_max(S)."""
+    rho_factor = UZAWA_STEP_FACTOR
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
         pass
@@ -54,6 +57,7 @@ class Nesterov:
         self.previous_F[:] = F
         y[:] = new
         new -= self.previous_y
+        # z - new is rho times a gradient: where new - y goes uphill the momentum starts again
         self.t = 1.0 if z @ new > 0 else t
 
 

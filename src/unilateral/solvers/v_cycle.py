@@ -67,10 +67,8 @@ class TruncatedCycle:
         z[self.last_level.n_coarse :] += new
 
     def _apply_cycle(self, r: Array) -> Array:
-        """The correction e (n,) of one V-cycle for r (n,), which is overwritten.
-
-        Each level has one forward sweep on the way down, and one backward sweep on the way up.
-        """
+        """The correction e (n,) of one V-cycle for r (n,), which is overwritten."""
+        # one forward sweep of each level on the way down, one backward sweep on the way up
         sweeps = []
         for level, S in zip(reversed(self.lower_levels), reversed(self.matrices), strict=True):
             sweeps.append(level.sweep_down(S, r))
@@ -85,25 +83,23 @@ class TruncatedCycle:
 
 
 def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
-    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0).
-
-    Hats that are cut may depend on each other, because few nodes are left. The added term makes the
-    correction of such functions, which are 0, small in place of arbitrary.
-    """
+    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0)."""
     try:
         return splu(S.tocsc())
     except RuntimeError:
+        # hats that are cut may depend on each other, because few nodes are left. The added term makes the
+        # correction of such functions, which are 0, small in place of arbitrary
         return splu((S + sp.diags_array(MIN_ENERGY_SHARE * A_0.diagonal())).tocsc())
 
 
 def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
-    """The symmetric A's entries whose row or column is one of the nodes."""
+    """D = A - T A T: the symmetric A's entries whose row or column is one of the nodes, at which T is 0."""
     rows = A[nodes].tocoo()
     i = nodes[rows.row]
     j = rows.col
     is_chosen = np.zeros(A.shape[0], dtype=bool)
     is_chosen[nodes] = True
-    # rows of the nodes, and by symmetry their columns; entries between two of the nodes are taken once
+    # rows of the nodes, and by symmetry their columns; entries between two of the nodes are in both
     outside = ~is_chosen[j]
     all_nodes, place = np.unique(np.concatenate([i, j]), return_inverse=True)
     i, j = np.split(place, [len(i)])
@@ -127,7 +123,8 @@ def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
 
 
 def _subtract_from_level(level: FinerSpace, D: NodalMatrix) -> sp.csr_array:
-    """The level's rows minus D, in the pattern of these rows, which contains that of D."""
+    """The level's rows minus D, in the pattern of these rows, which contains the pattern of D."""
+    # a level that was refined in a part only has the rows of its smoothed nodes, in an order of its own
     assert level.rows is not None
     if level.smoothed_nodes is None:
         return _subtract_in_pattern(level.rows, D.nodes, D)
@@ -147,23 +144,25 @@ def _subtract_in_pattern(
     D_rows = np.flatnonzero(rows >= 0)
     if not len(D_rows):
         return A
-    # all entries of these rows of A: their places in A.data, and the nodes of their columns
-    A_rows = rows[D_rows]
-    count = A.indptr[A_rows + 1] - A.indptr[A_rows]
-    entry = np.arange(count.sum()) + np.repeat(A.indptr[A_rows + 1] - np.cumsum(count), count)
-    column = A.indices[entry] if columns is None else columns[A.indices[entry]]
-    D_column = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
-    in_D = D.nodes[D_column] == column
+    entries, number = _entries_of_rows(A, rows[D_rows])
+    D_row = D_rows[number]
+    # the entries of A whose columns are nodes of D, and where D has these columns
+    node = A.indices[entries] if columns is None else columns[A.indices[entries]]
+    D_column = np.minimum(np.searchsorted(D.nodes, node), len(D.nodes) - 1)
+    in_D = D.nodes[D_column] == node
+    D_entries = np.zeros(len(entries))
+    D_entries[in_D] = np.asarray(sp.csr_matrix(D.values)[D_row[in_D], D_column[in_D]]).ravel()
     data = A.data.copy()
-    D_entries = np.zeros(len(entry))
-    D_entries[in_D] = np.asarray(
-        sp.csr_matrix(D.values)[np.repeat(D_rows, count)[in_D], D_column[in_D]]
-    ).ravel()
-    data[entry] -= D_entries
-    # all that is left of these hats is rounding: their diagonal stays as it was, so that no sweep divides by
-    # rounding
-    cut_away = (np.repeat(A_rows, count) == A.indices[entry]) & (
-        data[entry] < MIN_ENERGY_SHARE * A.data[entry]
-    )
-    data[entry[cut_away]] = A.data[entry[cut_away]]
+    data[entries] -= D_entries
+    # where nothing but rounding is left of a hat its diagonal stays as it was: no sweep divides by rounding
+    is_diagonal = rows[D_row] == A.indices[entries]
+    cut_away = entries[is_diagonal & (data[entries] < MIN_ENERGY_SHARE * A.data[entries])]
+    data[cut_away] = A.data[cut_away]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
+
+
+def _entries_of_rows(A: sp.csr_array, rows: Index) -> tuple[Index, Index]:
+    """The places in `A.data` of all entries of some rows, row after row, and the number in `rows` of each."""
+    count = A.indptr[rows + 1] - A.indptr[rows]
+    entries = np.arange(count.sum()) + np.repeat(A.indptr[rows + 1] - np.cumsum(count), count)
+    return entries, np.repeat(np.arange(len(rows)), count)

@@ -21,10 +21,8 @@ from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import CaseProjections
 from unilateral.solvers.uzawa import scaled_matrix_norm, uzawa
-from unilateral.solvers.uzawa_steps import STEP_METHODS
+from unilateral.solvers.uzawa_steps import STEP_METHODS, UZAWA_STEP_FACTOR
 
-SAFE_STEP_SHARE = 1.9
-"""The safe step is this share of sigma_1."""
 DISCRETE_TOLERANCE_SHARE = 1e-10
 """The tolerance, as a share of ||u - z_h||_1, of the discrete solution that the levels refer to."""
 MAX_NEWTON_STEPS = 100
@@ -165,7 +163,7 @@ def method_and_step(algorithm: str, spaces: MixedSpaces) -> tuple[str, float]:
     operator = spaces.operator
     match algorithm:
         case "safe":
-            return "uzawa", SAFE_STEP_SHARE * spaces.condensed.sigma_1
+            return "uzawa", UZAWA_STEP_FACTOR * spaces.condensed.sigma_1
         case "optimal":
             return "uzawa", 2 / (operator.lambda_min + operator.lambda_max)
     return algorithm, STEP_METHODS[algorithm].rho_factor / operator.lambda_max

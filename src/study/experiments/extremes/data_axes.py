@@ -34,7 +34,7 @@ from unilateral.fem.spaces import DualOperator, mixed_spaces
 from unilateral.geometry.partition import Partition, make_uniform_partition
 from unilateral.geometry.polygon import square
 from unilateral.solvers.uzawa import MAX_RESIDUAL, SMALLEST_NORMAL, DualResult, residual_bound
-from unilateral.solvers.uzawa_steps import STEP_METHODS
+from unilateral.solvers.uzawa_steps import UZAWA_STEP_FACTOR
 
 TOUCHING_POINT = 1 / 3
 MAX_SCALING_CHANGE = 1e-10
@@ -177,7 +177,7 @@ def _count_loaded_cells(value: float, problem: ExtremeProblem, mu: Array) -> flo
 def first_residual(problem: ExtremeProblem) -> float:
     """The first residual of plain Uzawa from 0, ||min(0, rho F(0))||_0."""
     operator = problem.spaces.operator
-    rho = STEP_METHODS["uzawa"].rho_factor / operator.lambda_max
+    rho = UZAWA_STEP_FACTOR / operator.lambda_max
     return float(np.linalg.norm(np.sqrt(operator.H_i) * np.minimum(0, rho * problem.discrete.offset)))
 
 
@@ -325,7 +325,7 @@ def iterate_in_precision(problem: ExtremeProblem, operator: DualOperator, steps:
     root = np.sqrt(operator.H_i)
     S = operator.S
     b = (root * problem.discrete.offset).astype(root.dtype)
-    rho = root.dtype.type(1.9 / operator.lambda_max)
+    rho = root.dtype.type(UZAWA_STEP_FACTOR / operator.lambda_max)
     # (5.1)-(5.3) in y = H_i^{1/2} lambda: y <- max(0, y - rho (S y + b))
     y = np.zeros_like(b)
     for _ in range(steps):

@@ -20,7 +20,7 @@ from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.dispatch import run_algorithm
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
-from unilateral.solvers.uzawa_steps import STEP_METHODS
+from unilateral.solvers.uzawa_steps import STEP_METHODS, UZAWA_STEP_FACTOR
 
 OUTCOME_RIGHT = "right"
 OUTCOME_NOT_CONVERGED = "not converged"
@@ -77,7 +77,7 @@ class Budget:
     def max_condition(self) -> float:
         """The largest cond(S) for which plain Uzawa needs no more steps, with rho = 1.9/lambda_max(S)."""
         # An error falls like (1 - 1.9/cond)^n: n = cond log(1/accuracy) / 1.9
-        return 1.9 * self.max_steps / -np.log(self.accuracy)
+        return UZAWA_STEP_FACTOR * self.max_steps / -np.log(self.accuracy)
 
     @property
     def max_condition_nesterov(self) -> float:
