@@ -80,21 +80,19 @@ def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_functio
     remainders = []
     size = coordinate_scale(mesh)
     for block in row_blocks(len(parent)):
-        vertices = np.repeat(middle[block], 3, axis=1)
-        remainders.append(
-            _remainder_bound(
-                _taylor_model(
-                    vertices, size, source_function, step_values(vertices, source_function.jumps, size)[0]
-                )
-            )
-        )
+        vertices = np.repeat(middle[block], 3, axis=1)  # a piece that is shrunk to its middle
+        steps, _ = step_values(vertices, source_function.jumps, size)
+        remainders.append(_remainder_bound(_taylor_model(vertices, size, source_function, steps)))
     return piece_areas(mesh, corners, parent) * np.concatenate([np.zeros(0), *remainders]) ** 2
 
 
 def enclose_pieces(
     mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
 ) -> tuple[TrianglePieces, Index]:
-    """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
+    """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of.
+
+    The pieces have barycentric `corners` (k, 3, 3) in the triangles `parent` (k,).
+    """
     pieces = []
     owners = []
     for block in row_blocks(len(parent)):
@@ -108,7 +106,7 @@ def enclose_pieces(
 
 
 def widen_areas(area: Array, perimeter: Array, scale: float) -> Array:
-    """The areas of pieces plus what may lie between them, (k,)."""
+    """The areas (k,) of pieces plus gaps along their perimeters, for coordinates of that `scale`."""
     return area + MAX_GAP_WIDTH * EPS * scale * perimeter
 
 
@@ -122,10 +120,7 @@ def enclose_triangles(
     order, _ = _order_corners(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     steps, wrong_areas = step_values(vertices, source_function.jumps, scale)
-    certain_steps = {
-        step: np.where(np.isnan(wrong_areas[step]), value, np.nan) for step, value in steps.items()
-    }
-    f = _taylor_model(vertices, scale, source_function, certain_steps)
+    f = _taylor_model(vertices, scale, source_function, _widen_steps(steps, wrong_areas))
     return f.c, _remainder_bound(f), vertices
 
 
@@ -152,33 +147,48 @@ def enclose_block(
         jump_norm=np.zeros(len(parent)),
         jump_integral=np.zeros(len(parent)),
     )
+    _add_jumps(pieces, vertices, size, source_function, f, steps, wrong_areas)
+    return pieces
+
+
+def _add_jumps(
+    pieces: TrianglePieces,
+    vertices: Array,
+    scale: float,
+    source_function: SourceFunction,
+    f: TaylorModel,
+    steps: StepValues,
+    wrong_areas: StepValues,
+) -> None:
+    """Account for jumps on pieces, in place; `f` is the model with these values of `steps` on whole pieces.
+
+    Steps have the other values on the `wrong_areas`, which are NaN where a step's curve is not near.
+    """
     # between a chord and its arc f has the other value of the step, and is larger by the jump
     near = {step: ~np.isnan(wrong_area) for step, wrong_area in wrong_areas.items()}
     for step, is_near in near.items():
         near_steps = {other_step: value[is_near] for other_step, value in steps.items()}
-        other_steps = near_steps | {step: 1 - near_steps[step]}
-        f_beyond = _taylor_model(vertices[is_near], size, source_function, other_steps)
+        near_steps[step] = 1 - near_steps[step]
+        f_beyond = _taylor_model(vertices[is_near], scale, source_function, near_steps)
         _add_jump(
             pieces,
             is_near,
             jump=f_beyond + f.select_boxes(is_near).scale(-1.0),
             wrong_area=wrong_areas[step][is_near],
-            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], size),
+            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], scale),
         )
     is_crossed = np.sum([*near.values()], axis=0) > 1
     if is_crossed.any():
-        _add_crossing_jumps(
-            pieces, is_crossed, vertices[is_crossed], size, source_function, steps, wrong_areas
-        )
-    return pieces
+        _add_crossing_jumps(pieces, is_crossed, vertices, scale, source_function, steps, wrong_areas)
 
 
 def _add_jump(
     pieces: TrianglePieces, selection: Mask, jump: TaylorModel, wrong_area: Array, area_error: Array
 ) -> None:
-    """Account for the parts of some pieces on which f is larger by a jump, in place.
+    """Account for the parts of the pieces `selection` on which f is larger by a `jump`, in place.
 
-    The areas are known up to `area_error` (k,). p is changed by a constant so that its integral is that of f.
+    Their areas are `wrong_area` (k,) up to `area_error` (k,). p is raised by a constant, so that its integral
+    is that of f.
     """
     # where f has no range on all of a piece, as 1/a where a may be 0, nothing is known of it there
     is_bounded = np.isfinite(jump.range[0]) & np.isfinite(jump.range[1])
@@ -189,6 +199,7 @@ def _add_jump(
     # p + shift has the integral of f, if the jump is its middle value and the area is right
     shift = jump_mean * wrong_area / area
     pieces.c[0, selection] += shift
+    # ||jump|| on the part and ||shift|| on the piece; the integral is off by what jump and area are off
     jump_norm = largest * np.sqrt(wrong_area + area_error) + np.abs(shift) * np.sqrt(area)
     integral = 0.5 * (upper - lower) * wrong_area + largest * area_error
     pieces.jump_norm[selection] += np.where(is_bounded, jump_norm, np.inf)
@@ -204,25 +215,26 @@ def _add_crossing_jumps(
     steps: StepValues,
     wrong_areas: StepValues,
 ) -> None:
-    """Account for places where several steps are wrong at once.
-
-    f is off there by no more than all its values on the piece differ.
-    """
-    certain_steps = {
-        step: np.where(np.isnan(wrong_areas[step][selection]), value[selection], np.nan)
-        for step, value in steps.items()
-    }
-    lower, upper = _taylor_model(vertices, scale, source_function, certain_steps).range
+    """Account for places, on the pieces `selection`, where several steps are wrong at once, in place."""
+    vertices = vertices[selection]
+    widened = {step: value[selection] for step, value in _widen_steps(steps, wrong_areas).items()}
+    lower, upper = _taylor_model(vertices, scale, source_function, widened).range
     area_errors = [step_area_rounding(vertices, kink, scale) for kink in source_function.jumps.values()]
     areas = [
         np.nan_to_num(wrong_areas[step][selection]) + area_error
         for step, area_error in zip(wrong_areas, area_errors, strict=True)
     ]
-    # two steps are wrong at once on at most the second largest area, for each of the steps
+    # one of two steps that are wrong at once has at most the second largest area
     second = np.sort(areas, axis=0)[-2]
+    # f is off by at most upper - lower there, and so is the jump that `_add_jump` allowed for of each step
     largest = (1 + len(areas)) * (upper - lower)
     pieces.jump_norm[selection] += largest * np.sqrt(len(areas) * second)
     pieces.jump_integral[selection] += largest * len(areas) * second
+
+
+def _widen_steps(steps: StepValues, wrong_areas: StepValues) -> dict[Primitive, Array]:
+    """The steps with both values, NaN, on pieces near their curves."""
+    return {step: np.where(np.isnan(wrong_areas[step]), value, np.nan) for step, value in steps.items()}
 
 
 def _order_corners(vertices: Array) -> tuple[Index, Array]:
@@ -234,11 +246,15 @@ def _order_corners(vertices: Array) -> tuple[Index, Array]:
 def _taylor_model(
     vertices: Array, scale: float, source_function: SourceFunction, steps: StepValues
 ) -> TaylorModel:
-    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`."""
+    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`.
+
+    Steps that are NaN in `steps` have both their values.
+    """
     places = []
     rounding = VERTEX_ROUNDING * scale
     for values in np.moveaxis(vertices, 2, 0):
         a, b, c = values.T
+        # (b + c) / 2 + sigma_1 (b - a) / 2 + sigma_2 (c - a) / 2 is a at (-1, -1), b at (1, -1), c at (-1, 1)
         ends = values.min(axis=1) - rounding, values.max(axis=1) + rounding
         places.append(
             affine_model(
@@ -276,14 +292,18 @@ def split_at_jumps(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> t
 
 
 def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
-    """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
-    above = level[crossed] >= 0
+    """The pieces, and the `owner` of each; each that is `crossed` is cut in three by a chord.
+
+    The chord runs between two edges of a piece. `level` (k, 3) is the signed distance of the corners.
+    """
     s = level[crossed]
+    above = s >= 0
+    # the corner that lies alone on one side of the curve: above if one is, below if two are above
     apex = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     order = (apex[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
     s = np.take_along_axis(s, order, axis=1)
-    # the signed distance s is 0 at p and q, on the edges at a, which lies alone on one side
+    # the signed distance s, taken for linear along edges, is 0 at p and q
     p = a + (s[:, :1] / (s[:, :1] - s[:, [1]])) * (b - a)
     q = a + (s[:, :1] / (s[:, :1] - s[:, [2]])) * (c - a)
     thirds = np.concatenate(
@@ -295,7 +315,7 @@ def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) 
 
 
 def area_shares(corners: Array) -> Array:
-    """The areas of pieces, over those of their triangles, (k,)."""
+    """The areas of pieces over those of their triangles, (k,), from barycentric `corners` (k, 3, 3)."""
     b = (corners[:, 1] - corners[:, 0])[:, 1:]
     c = (corners[:, 2] - corners[:, 0])[:, 1:]
     return np.abs(cross(b, c))
@@ -315,16 +335,19 @@ def step_values(
     centre = vertices.mean(axis=1)
     for step, kink in jumps.items():
         level = kink.signed_distances(centre)
+        # no point of a piece is farther from the centroid than the diameter
         reach = _diameter(vertices) + 64 * EPS * _level_scale(scale, kink)
         near = np.abs(level) <= reach
         small = _is_small(vertices, kink)
         steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
+        # a step is 1 where sign times the level is positive, and the level is negative inside a circle
         area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
         wrong_areas[step] = np.where(near & small, area, np.nan)
     return steps, wrong_areas
 
 
 def _is_small(vertices: Array, kink: Kink) -> Mask:
+    """Whether pieces are small against a circle; against a line all are."""
     return _diameter(vertices) <= (MAX_DIAMETER_PER_RADIUS * kink.radius or np.inf)
 
 
