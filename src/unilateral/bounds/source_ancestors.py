@@ -3,11 +3,11 @@
 f is enclosed on the triangles of the first mesh. Where that leaves too much of f, they are replaced by those
 that came from them, down to the mesh itself.
 
-On a triangle f is near a polynomial p, |f - p| <= rad. This holds on all triangles of a mesh that lie in it.
-In p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP,
-for each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving
-rounds them by half an EPS of their size. rad holds for coordinates that are rounded by up to VERTEX_ROUNDING
-of their size, so p is used on triangles that are up to MAX_ANCESTOR_HALVINGS halvings finer.
+On a triangle f is near a polynomial p, |f - p| <= remainder. This holds on all triangles that lie in it. In
+p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP, for
+each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving rounds
+them by half an EPS of their size. The remainder holds for coordinates that are rounded by up to
+VERTEX_ROUNDING of their size, so p is used on triangles up to MAX_ANCESTOR_HALVINGS halvings finer.
 """
 
 from __future__ import annotations
@@ -69,9 +69,8 @@ MIN_TARGET_RATIO = 1e-13
 class Polynomials(NamedTuple):
     """p on triangles by its c (m, k), and its `remainder` (k,).
 
-    `frame` (6, k) is the map from places to p's variables. Take a place less the last two
-    rows. Its products with the first two rows and with the next two are, but for rounding, the two variables,
-    in units of ANCESTOR_GRID_STEP.
+    `frame` (6, k) is the map from places to p's variables. Take a place less the last two rows. Its products
+    with the first two rows and with the next two are the variables in units of ANCESTOR_GRID_STEP.
     """
 
     c: Array
@@ -96,17 +95,17 @@ def concatenate_polynomials(sets: Sequence[Polynomials]) -> Polynomials:
 
 
 def enclose_ancestors(corners: Array, scale: float, f: SourceFunction) -> Polynomials:
-    """f on triangles with those corners (k, 3, 2), of a mesh of that `coordinate_scale`."""
+    """p on triangles with those corners (k, 3, 2), of a mesh of that `coordinate_scale`."""
     sets = []
     for block in row_blocks(len(corners)):
-        c, rad, ordered = enclose_triangles(corners[block], scale, f)
+        c, remainder, ordered = enclose_triangles(corners[block], scale, f)
         frame = _frame(*ordered.transpose(1, 2, 0))
-        sets.append(Polynomials(c, rad + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
+        sets.append(Polynomials(c, remainder + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
     return concatenate_polynomials(sets)
 
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
-    """The maps (6, k) from places to p's variables on triangles with these corners, in grid steps."""
+    """The `frame` (6, k) of triangles with the corners a, u, v (2, k), in the order for sigma."""
     # x = (u + v) / 2 + sigma_1 e + sigma_2 f, solved for sigma by Cramer's rule
     e = 0.5 * (u - a)
     f = 0.5 * (v - a)
@@ -117,9 +116,10 @@ def _frame(a: Array, u: Array, v: Array) -> Array:
 def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32) -> tuple[Array, Array]:
     """The L2 projection f_h of p at the corners of each triangle, and the mean of (p - f_h)^2 there.
 
-    `numbers` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row
-    lie alike in those around them.
+    The triangles have the `corners` (2, 3, k), and `numbers` (k,) says which p is known on each. Where
+    refinement was uniform, triangles in a row lie alike in those around them: one matrix serves a run.
     """
+    # the corners in p's variables are exact multiples of the grid step, so that equal ones can be told
     places = np.concatenate(corner_variables(corners, polynomials.frame[:, numbers]))
     c = polynomials.c[:, numbers]
     change = np.flatnonzero((places[:, 1:] != places[:, :-1]).any(axis=0)) + 1
@@ -136,7 +136,7 @@ def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32
 
 
 def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
-    """The projections of polynomials on triangles, evaluated at points of each."""
+    """f_h (3, k) and the means of (p - f_h)^2 (k,), from p at points; `variables` (6, k) are the corners'."""
     hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
     p = _evaluate_polynomials(c, hats @ variables[:3], hats @ variables[3:])
     f_h = _corner_projection_matrix() @ p
@@ -147,7 +147,7 @@ def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
 def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
     """Matrices from p's coefficients to f_h (r, 3, m), and to numbers (r, q, m), for each of r triangles.
 
-    The squares of these numbers add up to the mean of (p - f_h)^2.
+    The squares of these numbers add up to the mean of (p - f_h)^2. `variables` (6, r) are the corners'.
     """
     hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
     x = hats @ variables[:3]
@@ -161,7 +161,7 @@ def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
 
 
 def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """The exact variables of p at the corners of triangles, (3, k) each."""
+    """The exact variables of p, (3, k) each, at the `corners` (2, 3, k) of triangles; `frame` is that of p."""
     xx, xy, yx, yy, *middle = frame
     x = corners[0] - middle[0]
     y = corners[1] - middle[1]
@@ -169,7 +169,7 @@ def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
 
 
 def _evaluate_polynomials(c: Array, x: Array, y: Array) -> Array:
-    """The values of polynomials at points, by Horner's scheme, (q, k)."""
+    """The values of polynomials at points, by Horner's scheme in y with coefficients by that in x, (q, k)."""
     number = {(i, j): k for k, (i, j) in enumerate(monomial_basis(2, SOURCE_DEGREE).exponents.tolist())}
     p = np.zeros_like(x)
     for j in range(SOURCE_DEGREE, -1, -1):
@@ -184,7 +184,7 @@ def _evaluate_polynomials(c: Array, x: Array, y: Array) -> Array:
 
 @cache
 def _corner_projection_matrix() -> Array:
-    """The matrix from values at the points of the rule to the L2 projection f_h at the corners, (3, q)."""
+    """The matrix (3, q) from a function at the rule's points to its L2 projection f_h at the corners."""
     hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
     # the inverse of the mass matrix (1 + delta_ij) / 12 takes moments M_i to 12 M_i - 3 sum M_j
     return np.asarray((weights[:, None] * (12 * hats - 3)).T)
@@ -220,6 +220,7 @@ class PieceSums:
         The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
         E = math.sqrt(self.remainder_squares)
+        # ||p - mean p||^2 = ||p||^2 - (int p)^2 / |Omega|
         norm = math.sqrt(self.p_squares)
         spread = math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - E
         wanted_E = share * TARGET_REMAINDER_RATIO * relative_size * spread
@@ -247,8 +248,8 @@ class AncestorSearch:
 
     On the mesh in hand each triangle has the polynomial with the number in `numbers` (m,), found `halvings`
     (m,) halvings above it. `is_coarse` (m,) marks the triangles whose polynomial is not near enough, `is_new`
-    (m,) those whose polynomial is new. `sums` are over the triangles where p is near enough or, if
-    `sums_cover_mesh`, over all of the mesh before.
+    (m,) those that are new or whose polynomial is. `sums` are over the triangles where p is near enough or,
+    if `sums_cover_mesh`, over all of the mesh before.
     """
 
     def __init__(
@@ -275,8 +276,9 @@ class AncestorSearch:
             self.polynomials = ancestors.polynomials
             self.numbers = ancestors.numbers.copy()
             self.halvings = ancestors.halvings.copy()
-            self.is_new = ~self.is_coarse
+            self.is_new[:] = False
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
+            # one with a polynomial of its own needs none, one that stays whole keeps what is known on it
             is_searched = self.is_coarse & (self.halvings > 0) & _find_split_triangles(steps, n)
         else:
             is_searched = self.is_coarse
@@ -298,7 +300,10 @@ class AncestorSearch:
         return Ancestors(self.polynomials, self.numbers, self.halvings)
 
     def _enclose(self, nodes: Index, triangles: Index) -> None:
-        """Enclose f on the triangles with those nodes (k, 3) and the numbers `triangles` (k,)."""
+        """Enclose f on the triangles with those nodes (k, 3) and the numbers `triangles` (k,).
+
+        They may be triangles of a coarser mesh, whose nodes are nodes of the mesh, too.
+        """
         if not triangles.size:
             return
         enclosed = enclose_ancestors(self.mesh.points[nodes], coordinate_scale(self.mesh), self.f)
@@ -320,23 +325,24 @@ class AncestorSearch:
         return self.sums + sum_pieces(polynomial_means(polynomials.c), area, area * polynomials.remainder**2)
 
     def _exceeds_coarse_target(self, remainder: Array, sums: PieceSums | None = None) -> Mask:
-        """Where a remainder would be too large if all triangles of the mesh had it, (k,)."""
+        """Where a remainder (k,) would be too large if all triangles of the mesh had it, (k,)."""
         target = (sums or self.sums).target(self.relative_size, COARSE_TARGET_SHARE)
         return np.asarray(remainder**2 * float(self.mesh.areas.sum()) > 0.5 * target)
 
     def find_coarse_triangles(self) -> Mask:
         """The triangles of the mesh on which the remainder is too large for the target, (m,).
 
-        Half of what is wanted is shared out among the triangles by area, the other half equally.
+        Half of what is wanted is shared out among the triangles, one half of it by area, the other equally;
+        pieces of triangles that are cut (`source`) share the rest. New triangles near enough go to the sums.
         """
         area = self.mesh.areas
         n = len(self.mesh.triangles)
-        rad = self.polynomials.remainder[self.numbers]
+        remainder = self.polynomials.remainder[self.numbers]
         candidates = np.flatnonzero(self.is_coarse & self.is_new)
         polynomials = self.polynomials.select(self.numbers[candidates])
         target = self._extend_sums(polynomials, area[candidates]).target(self.relative_size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
-        is_coarse = self.is_coarse & (area * rad**2 > 0.5 * target * share)
+        is_coarse = self.is_coarse & (area * remainder**2 > 0.5 * target * share)
         fine = candidates[~is_coarse[candidates]]
         self.sums = self._extend_sums(self.polynomials.select(self.numbers[fine]), area[fine])
         return np.asarray(is_coarse)
