@@ -161,7 +161,7 @@ def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
 
 
 def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """The exact variables of p, (3, k) each, at the `corners` (2, 3, k) of triangles; `frame` is that of p."""
+    """The exact variables of p, (3, k) each, at the `corners` (2, 3, k) of triangles; `frame` is of p."""
     xx, xy, yx, yy, *middle = frame
     x = corners[0] - middle[0]
     y = corners[1] - middle[1]

@@ -61,6 +61,23 @@ class TrianglePieces(NamedTuple):
         return self._replace(c=self.c[:, selection], **fields)
 
 
+class Steps(NamedTuple):
+    """The value (k,) of every step `at_centroid` of each piece; NaN if the piece is large and may have both.
+
+    `wrong_areas` (k,) are those of the parts beyond the curve, where the step has the other value, up to
+    `step_area_rounding`. They are NaN for pieces that the curve is not near, and where the value is NaN.
+    """
+
+    at_centroid: dict[Primitive, Array]
+    wrong_areas: dict[Primitive, Array]
+
+    @property
+    def widened(self) -> dict[Primitive, Array]:
+        """The steps with both values, NaN, on all pieces near their curves."""
+        is_far = {step: np.isnan(area) for step, area in self.wrong_areas.items()}
+        return {step: np.where(is_far[step], value, np.nan) for step, value in self.at_centroid.items()}
+
+
 def coordinate_scale(mesh: Mesh) -> float:
     """VERTEX_ROUNDING times this is at least the rounding of coordinates and the nodes' shifts together."""
     return float(np.abs(mesh.polygon.vertices).max() + mesh.node_shifts.max() / VERTEX_ROUNDING)
@@ -71,7 +88,7 @@ def piece_areas(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return area_shares(corners) * mesh.areas[parent]
 
 
-def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction) -> Array:
+def attainable_squares(mesh: Mesh, corners: Array, parent: Index, f: SourceFunction) -> Array:
     """The E^2 that each piece would have if f were known on all of it as well as in its middle, (k,).
 
     Smaller pieces would be in vain.
@@ -81,13 +98,13 @@ def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_functio
     size = coordinate_scale(mesh)
     for block in row_blocks(len(parent)):
         vertices = np.repeat(middle[block], 3, axis=1)  # a piece that is shrunk to its middle
-        steps, _ = step_values(vertices, source_function.jumps, size)
-        remainders.append(_remainder_bound(_taylor_model(vertices, size, source_function, steps)))
+        steps = step_values(vertices, f.jumps, size)
+        remainders.append(_remainder_bound(_taylor_model(vertices, size, f, steps.at_centroid)))
     return piece_areas(mesh, corners, parent) * np.concatenate([np.zeros(0), *remainders]) ** 2
 
 
 def enclose_pieces(
-    mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
+    mesh: Mesh, corners: Array, parent: Index, f: SourceFunction
 ) -> tuple[TrianglePieces, Index]:
     """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of.
 
@@ -96,8 +113,8 @@ def enclose_pieces(
     pieces = []
     owners = []
     for block in row_blocks(len(parent)):
-        split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], source_function.jumps)
-        pieces.append(enclose_block(mesh, split_corners, parent[block][owner], source_function))
+        split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], f.jumps)
+        pieces.append(enclose_block(mesh, split_corners, parent[block][owner], f))
         owners.append(owner + block.start)
     # c has the pieces on its last axis, the other fields on the first
     c, *fields = zip(*pieces, strict=True)
@@ -110,76 +127,63 @@ def widen_areas(area: Array, perimeter: Array, scale: float) -> Array:
     return area + MAX_GAP_WIDTH * EPS * scale * perimeter
 
 
-def enclose_triangles(
-    vertices: Array, scale: float, source_function: SourceFunction
-) -> tuple[Array, Array, Array]:
+def enclose_triangles(vertices: Array, scale: float, f: SourceFunction) -> tuple[Array, Array, Array]:
     """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in the order for sigma.
 
     A step has both its values on a triangle that its curve may cross.
     """
     order, _ = _order_corners(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
-    steps, wrong_areas = step_values(vertices, source_function.jumps, scale)
-    f = _taylor_model(vertices, scale, source_function, _widen_steps(steps, wrong_areas))
-    return f.c, _remainder_bound(f), vertices
+    steps = step_values(vertices, f.jumps, scale)
+    model = _taylor_model(vertices, scale, f, steps.widened)
+    return model.c, _remainder_bound(model), vertices
 
 
-def enclose_block(
-    mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
-) -> TrianglePieces:
+def enclose_block(mesh: Mesh, corners: Array, parent: Index, f: SourceFunction) -> TrianglePieces:
     """p on a block of pieces, and bounds on f - p, jumps included."""
     vertices = corners @ mesh.points[mesh.triangles[parent]]
     order, perimeter = _order_corners(vertices)
     corners = np.take_along_axis(corners, order[..., None], axis=1)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     size = coordinate_scale(mesh)
-    steps, wrong_areas = step_values(vertices, source_function.jumps, size)
-    f = _taylor_model(vertices, size, source_function, steps)
+    steps = step_values(vertices, f.jumps, size)
+    model = _taylor_model(vertices, size, f, steps.at_centroid)
     area = piece_areas(mesh, corners, parent)
     outer = widen_areas(area, perimeter, size)
     pieces = TrianglePieces(
-        c=f.c,
+        c=model.c,
         corners=corners,
         parent=parent,
         area=area,
         outer_area=outer,
-        remainder_squares=outer * _remainder_bound(f) ** 2,
+        remainder_squares=outer * _remainder_bound(model) ** 2,
         jump_norm=np.zeros(len(parent)),
         jump_integral=np.zeros(len(parent)),
     )
-    _add_jumps(pieces, vertices, size, source_function, f, steps, wrong_areas)
+    _add_jumps(pieces, vertices, size, f, model, steps)
     return pieces
 
 
 def _add_jumps(
-    pieces: TrianglePieces,
-    vertices: Array,
-    scale: float,
-    source_function: SourceFunction,
-    f: TaylorModel,
-    steps: StepValues,
-    wrong_areas: StepValues,
+    pieces: TrianglePieces, vertices: Array, scale: float, f: SourceFunction, model: TaylorModel, steps: Steps
 ) -> None:
-    """Account for jumps on pieces, in place; `f` is the model with these values of `steps` on whole pieces.
-
-    Steps have the other values on the `wrong_areas`, which are NaN where a step's curve is not near.
-    """
+    """Account for jumps on pieces, in place; `model` has p, with the values of `steps` on most of each."""
     # between a chord and its arc f has the other value of the step, and is larger by the jump
-    near = {step: ~np.isnan(wrong_area) for step, wrong_area in wrong_areas.items()}
+    near = {step: ~np.isnan(wrong_area) for step, wrong_area in steps.wrong_areas.items()}
     for step, is_near in near.items():
-        near_steps = {other_step: value[is_near] for other_step, value in steps.items()}
-        near_steps[step] = 1 - near_steps[step]
-        f_beyond = _taylor_model(vertices[is_near], scale, source_function, near_steps)
+        near_values = {other_step: value[is_near] for other_step, value in steps.at_centroid.items()}
+        near_values[step] = 1 - near_values[step]
+        model_beyond = _taylor_model(vertices[is_near], scale, f, near_values)
         _add_jump(
             pieces,
             is_near,
-            jump=f_beyond + f.select_boxes(is_near).scale(-1.0),
-            wrong_area=wrong_areas[step][is_near],
-            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], scale),
+            jump=model_beyond + model.select_boxes(is_near).scale(-1.0),
+            wrong_area=steps.wrong_areas[step][is_near],
+            area_error=step_area_rounding(vertices[is_near], f.jumps[step], scale),
         )
     is_crossed = np.sum([*near.values()], axis=0) > 1
     if is_crossed.any():
-        _add_crossing_jumps(pieces, is_crossed, vertices, scale, source_function, steps, wrong_areas)
+        _add_crossing_jumps(pieces, is_crossed, vertices, scale, f, steps)
 
 
 def _add_jump(
@@ -207,22 +211,15 @@ def _add_jump(
 
 
 def _add_crossing_jumps(
-    pieces: TrianglePieces,
-    selection: Mask,
-    vertices: Array,
-    scale: float,
-    source_function: SourceFunction,
-    steps: StepValues,
-    wrong_areas: StepValues,
+    pieces: TrianglePieces, selection: Mask, vertices: Array, scale: float, f: SourceFunction, steps: Steps
 ) -> None:
     """Account for places, on the pieces `selection`, where several steps are wrong at once, in place."""
     vertices = vertices[selection]
-    widened = {step: value[selection] for step, value in _widen_steps(steps, wrong_areas).items()}
-    lower, upper = _taylor_model(vertices, scale, source_function, widened).range
-    area_errors = [step_area_rounding(vertices, kink, scale) for kink in source_function.jumps.values()]
+    widened = {step: value[selection] for step, value in steps.widened.items()}
+    lower, upper = _taylor_model(vertices, scale, f, widened).range
     areas = [
-        np.nan_to_num(wrong_areas[step][selection]) + area_error
-        for step, area_error in zip(wrong_areas, area_errors, strict=True)
+        np.nan_to_num(steps.wrong_areas[step][selection]) + step_area_rounding(vertices, kink, scale)
+        for step, kink in f.jumps.items()
     ]
     # one of two steps that are wrong at once has at most the second largest area
     second = np.sort(areas, axis=0)[-2]
@@ -232,20 +229,13 @@ def _add_crossing_jumps(
     pieces.jump_integral[selection] += largest * len(areas) * second
 
 
-def _widen_steps(steps: StepValues, wrong_areas: StepValues) -> dict[Primitive, Array]:
-    """The steps with both values, NaN, on pieces near their curves."""
-    return {step: np.where(np.isnan(wrong_areas[step]), value, np.nan) for step, value in steps.items()}
-
-
 def _order_corners(vertices: Array) -> tuple[Index, Array]:
     """The order (k, 3) of corners in which that opposite to the longest edge is first, and the perimeters."""
     lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
     return (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3, lengths.sum(axis=1)
 
 
-def _taylor_model(
-    vertices: Array, scale: float, source_function: SourceFunction, steps: StepValues
-) -> TaylorModel:
+def _taylor_model(vertices: Array, scale: float, f: SourceFunction, steps: StepValues) -> TaylorModel:
     """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`.
 
     Steps that are NaN in `steps` have both their values.
@@ -266,7 +256,7 @@ def _taylor_model(
             )
         )
     x, y = places
-    return source_function.model(x, y, steps)
+    return f.model(x, y, steps)
 
 
 def _remainder_bound(model: TaylorModel) -> Array:
@@ -321,16 +311,9 @@ def area_shares(corners: Array) -> Array:
     return np.abs(cross(b, c))
 
 
-def step_values(
-    vertices: Array, jumps: Jumps, scale: float
-) -> tuple[dict[Primitive, Array], dict[Primitive, Array]]:
-    """The value (k,) of every step on pieces, and the area (k,) on which it has the other value.
-
-    The pieces have those vertices (k, 3, 2), computed from coordinates of that `scale`. A value is NaN where
-    the step may have both. The area is that of the part on the other side of the curve than the centroid, up
-    to `step_area_rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
-    """
-    steps = {}
+def step_values(vertices: Array, jumps: Jumps, scale: float) -> Steps:
+    """The `Steps` on pieces with those vertices (k, 3, 2), computed from coordinates of that `scale`."""
+    at_centroid = {}
     wrong_areas = {}
     centre = vertices.mean(axis=1)
     for step, kink in jumps.items():
@@ -339,11 +322,11 @@ def step_values(
         reach = _diameter(vertices) + 64 * EPS * _level_scale(scale, kink)
         near = np.abs(level) <= reach
         small = _is_small(vertices, kink)
-        steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
+        at_centroid[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
         # a step is 1 where sign times the level is positive, and the level is negative inside a circle
-        area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
+        area = _wrong_area(vertices, kink, at_centroid[step] != (kink.sign > 0))
         wrong_areas[step] = np.where(near & small, area, np.nan)
-    return steps, wrong_areas
+    return Steps(at_centroid, wrong_areas)
 
 
 def _is_small(vertices: Array, kink: Kink) -> Mask:
