@@ -64,13 +64,11 @@ class NormalFlux(NamedTuple):
 
     def multiplier_distance(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
-        oscillation_norm = oscillation_bound(
-            mesh, self.oscillation_squares[:, None], self.square_constants, form
-        ).item()
-        is_reduced = self.reduction_squares > 0
-        reduction_norm = math.sqrt(
-            value_constants(mesh, form)[is_reduced] @ self.reduction_squares[is_reduced]
-        )
+        squares = self.oscillation_squares[:, None]
+        oscillation_norm = oscillation_bound(mesh, squares, self.square_constants, form).item()
+        is_reduced = self.reduction_squares > 0  # nothing is for c = 0, where the constants are infinite
+        constants = value_constants(mesh, form)[is_reduced]
+        reduction_norm = math.sqrt(constants @ self.reduction_squares[is_reduced])
         return (1 + SQUARES_ROUNDING) * (oscillation_norm + reduction_norm)
 
 
@@ -139,9 +137,8 @@ class GivenEdgeFlux(NamedTuple):
 
     def projection_error(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of p - tau~ in the dual of the energy norm on H^1."""
-        return (1 + SQUARES_ROUNDING) * oscillation_bound(
-            mesh, self.oscillation[:, None] ** 2, form=form
-        ).item()
+        bound = oscillation_bound(mesh, self.oscillation[:, None] ** 2, form=form)
+        return (1 + SQUARES_ROUNDING) * bound.item()
 
     def shares(self, mesh: Mesh, form: Form) -> Array:
         """Each boundary edge's part of the squared bound on the dual norm of p - tau~, (nb,)."""

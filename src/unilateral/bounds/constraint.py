@@ -24,10 +24,7 @@ from unilateral.problems.piecewise import ARC_LENGTH_ERROR_ULPS, PIECE_DEGREE
 INTERVALS_PER_EDGE = 8
 """Every edge is cut into this many equal intervals, on each of which the sign of p - v is asked for."""
 MARKOV_SLOPE = 2 * PIECE_DEGREE**2 * INTERVALS_PER_EDGE
-"""The steepest slope, per edge length, of a polynomial of degree PIECE_DEGREE of size 1 on an interval.
-
-That is Markov's inequality. So rounding of p by an amount changes slopes by this times that amount.
-"""
+"""The steepest slope, per edge length, of a polynomial of size 1 on an interval (Markov's inequality)."""
 INTERVAL_FIELDS = ("edge", "x", "weight", "p", "slope", "remainder", "g_upper")
 """The fields of a `Constraint` that are given for each interval."""
 

@@ -47,10 +47,7 @@ from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 PATCHES_PER_BLOCK = 4096
-"""This many patches, or twice as many triangles, are treated together.
-
-Their numbers fit into a processor's cache.
-"""
+"""This many patches, or twice as many triangles, are treated together: their numbers fit into a cache."""
 PATCH_REACTION_RATIO = 45.0
 """c |a| / k of a patch above which q_0 counts, too. On many meshes |a| is 3 h^2."""
 

@@ -46,10 +46,7 @@ MIN_QUARTERING_RATIO = 16.0
 MAX_RESOLVED_RATIO = 4.0
 """f counts as resolved if the sum of E^2 is at most this times the wanted sum."""
 MAX_SOURCE_PIECES = 200_000
-"""At most this many pieces are looked at, or four times the number of triangles of the mesh if that is more.
-
-Triangles of coarser levels are not counted.
-"""
+"""At most this many pieces of triangles are looked at, or four per triangle of the mesh if that is more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,16 +114,14 @@ class Source:
     def piece_sums(self, triangles: Mask) -> PieceSums:
         """The sums over some of the triangles, each of which is one piece."""
         area = self.mesh.areas[triangles]
-        means = self.f_h[triangles].mean(axis=1)
+        f_h = self.f_h[triangles]
         # p - f_h is orthogonal to f_h; what jumps leave counts with p
         p_squares = (
-            linear_square_norms(area, self.f_h[triangles])
-            + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
+            linear_square_norms(area, f_h) + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
         )
+        integral = float(area @ f_h.mean(axis=1))
         remainder_squares = float(np.sum(self.remainder[triangles] ** 2))
-        return PieceSums(
-            remainder_squares, float(p_squares.sum()), float(area @ means), float(area.sum()), len(area)
-        )
+        return PieceSums(remainder_squares, float(p_squares.sum()), integral, float(area.sum()), len(area))
 
 
 def enclose_function(
@@ -223,10 +218,7 @@ def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     """f_h and bounds on what is left of f, from blocks of pieces that cover the mesh."""
     n = len(mesh.triangles)
     moments = np.zeros((n, 3))  # (p, psi_b) on T
-    oscillation_squares = np.zeros(n)
-    remainder_squares = np.zeros(n)
-    jump_squares = np.zeros(n)
-    jump_integrals = np.zeros(n)
+    oscillation_squares, remainder_squares, jump_squares, jump_integrals = np.zeros((4, n))
     for pieces in piece_blocks:
         piece_moments = pieces.area[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", piece_moments, pieces.corners))

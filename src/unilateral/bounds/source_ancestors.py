@@ -32,7 +32,6 @@ from unilateral.fem.quadrature import symmetric_rule
 from unilateral.formulas.taylor import EPS, monomial_basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import signed_areas
-from unilateral.geometry.refinement import RefinementStep
 from unilateral.problems.problem import SourceFunction
 
 MAX_ANCESTOR_HALVINGS = 6
@@ -56,10 +55,7 @@ TRIANGLES_PER_BLOCK = 1 << 11
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 TARGET_REMAINDER_RATIO = 0.003
-"""E may be as large as this times `relative_mesh_size` times ||p - mean p||.
-
-It falls with h, like discretisation errors.
-"""
+"""E may be this times ||p - mean p|| times `relative_mesh_size`: it falls with h like discretisation errors."""
 COARSE_TARGET_SHARE = 0.1
 """On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
 MIN_TARGET_RATIO = 1e-13
@@ -80,13 +76,6 @@ class Polynomials(NamedTuple):
     def select(self, numbers: Index) -> Polynomials:
         """The polynomials that are chosen (k,)."""
         return Polynomials(*(values[..., numbers] for values in self))
-
-
-def no_polynomials() -> Polynomials:
-    """Polynomials on no triangle at all."""
-    return Polynomials(
-        np.empty((len(monomial_basis(2, SOURCE_DEGREE).degrees), 0)), np.empty(0), np.empty((6, 0))
-    )
 
 
 def concatenate_polynomials(sets: Sequence[Polynomials]) -> Polynomials:
@@ -265,7 +254,8 @@ class AncestorSearch:
         self.mesh = mesh
         self.f = f
         self.relative_size = relative_size
-        self.polynomials = no_polynomials()
+        n_monomials = len(monomial_basis(2, SOURCE_DEGREE).degrees)
+        self.polynomials = Polynomials(np.empty((n_monomials, 0)), np.empty(0), np.empty((6, 0)))
         self.sums = sums
         self.sums_cover_mesh = ancestors is not None
         steps = mesh.steps[len(first_mesh.steps) :]
@@ -279,7 +269,9 @@ class AncestorSearch:
             self.is_new[:] = False
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
             # one with a polynomial of its own needs none, one that stays whole keeps what is known on it
-            is_searched = self.is_coarse & (self.halvings > 0) & _find_split_triangles(steps, n)
+            parents = np.concatenate([self.numbers[:0], *(step.parent for step in steps)])
+            is_split = np.isin(np.arange(n), parents)
+            is_searched = self.is_coarse & (self.halvings > 0) & is_split
         else:
             is_searched = self.is_coarse
         self._enclose(first_mesh.triangles[is_searched], np.flatnonzero(is_searched))
@@ -346,11 +338,3 @@ class AncestorSearch:
         fine = candidates[~is_coarse[candidates]]
         self.sums = self._extend_sums(self.polynomials.select(self.numbers[fine]), area[fine])
         return np.asarray(is_coarse)
-
-
-def _find_split_triangles(steps: Sequence[RefinementStep], n: int) -> Mask:
-    """Which of the first n triangles the steps of refinement cut, (n,)."""
-    cut = np.zeros(n, dtype=bool)
-    for step in steps:
-        cut[step.parent[step.parent < n]] = True
-    return cut

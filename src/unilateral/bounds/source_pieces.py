@@ -241,20 +241,14 @@ def _taylor_model(vertices: Array, scale: float, f: SourceFunction, steps: StepV
     Steps that are NaN in `steps` have both their values.
     """
     places = []
+    basis = monomial_basis(2, SOURCE_DEGREE)
     rounding = VERTEX_ROUNDING * scale
     for values in np.moveaxis(vertices, 2, 0):
         a, b, c = values.T
-        # (b + c) / 2 + sigma_1 (b - a) / 2 + sigma_2 (c - a) / 2 is a at (-1, -1), b at (1, -1), c at (-1, 1)
         ends = values.min(axis=1) - rounding, values.max(axis=1) + rounding
-        places.append(
-            affine_model(
-                monomial_basis(2, SOURCE_DEGREE),
-                0.5 * (b + c),
-                0.5 * np.stack([b - a, c - a]),
-                ends,
-                rounding,
-            )
-        )
+        # (b + c) / 2 + sigma_1 (b - a) / 2 + sigma_2 (c - a) / 2 is a at (-1, -1), b at (1, -1), c at (-1, 1)
+        half_widths = 0.5 * np.stack([b - a, c - a])
+        places.append(affine_model(basis, 0.5 * (b + c), half_widths, ends, rounding))
     x, y = places
     return f.model(x, y, steps)
 
