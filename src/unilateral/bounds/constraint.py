@@ -107,16 +107,21 @@ def build_constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
     samples = obstacle.sample_on_edges(mesh.s, mesh.side, constrained, INTERVALS_PER_EDGE)
     edge = samples.edge
     lengths = np.diff(mesh.s)
-    start = np.arange(len(lengths))
-    unknowns = np.column_stack([start, np.roll(start, -1), len(start) + start])
+    nodes = np.arange(len(lengths))
+    unknowns = np.column_stack([nodes, np.roll(nodes, -1), len(nodes) + nodes])
 
-    # At a vertex the larger of two values of p counts, and p rises linearly along the other edge
-    allowed_jumps = np.column_stack([samples.allowed_jumps, np.roll(samples.allowed_jumps, -1)])
-    p_at_unknowns, rise, has_jump = _join_at_vertices(samples.ends, unknowns, constrained, allowed_jumps)
+    # at a vertex the larger of two values of p counts, and p rises linearly along the other edge
+    p_at_unknowns, rise, has_jump = _join_at_vertices(
+        samples.ends, unknowns, constrained, allowed_jumps=samples.allowed_jumps[unknowns[:, :2]]
+    )
     x = np.clip((samples.s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
     p = samples.value + (rise[edge, :1] * (1 - x) + rise[edge, 1:] * x)
     slope = samples.slope + (np.diff(rise)[:, 0] / lengths)[edge][:, None]
 
+    # u_D at a node is p on the edge that begins there, if that is clamped, else on the one that ends there
+    clamped_values = np.zeros(mesh.n_nodes)
+    clamped_values[np.roll(mesh.boundary, -1)[clamped]] = samples.ends[clamped, 1]
+    clamped_values[mesh.boundary[clamped]] = samples.ends[clamped, 0]
     rounding = _p_rounding(mesh, edge, p, slope)
     return Constraint(
         mesh,
@@ -133,7 +138,7 @@ def build_constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
         remainder=samples.remainder + 2 * rounding[edge] + rise.max(axis=1)[edge],
         g_upper=samples.upper,
         clamped_edges=clamped,
-        clamped_values=_clamped_values(mesh, clamped, samples.ends),
+        clamped_values=clamped_values,
         slope_remainder=_bound_slope_remainder(
             samples, lengths, p_change=np.where(clamped, rounding + rise.max(axis=1), 0.0)
         ),
@@ -168,20 +173,11 @@ def _p_rounding(mesh: Mesh, edge: Index, p: Array, slope: Array) -> Array:
     return rounding
 
 
-def _clamped_values(mesh: Mesh, clamped: Mask, edge_values: Array) -> Array:
-    """u_D at the nodes on clamped edges, and 0 at the others, (n,), from p's `edge_values` (nb, 3)."""
-    values = np.zeros(mesh.n_nodes)
-    values[np.roll(mesh.boundary, -1)[clamped]] = edge_values[clamped, 1]
-    # where two clamped edges meet, the one that begins there counts
-    values[mesh.boundary[clamped]] = edge_values[clamped, 0]
-    return values
-
-
 def _bound_slope_remainder(samples: EdgePolynomials, lengths: Array, p_change: Array) -> Array:
     """Bounds on the L2 norms of u_D' - p' over the boundary edges, (nb,).
 
-    The samples have bounds on |u_D' - p'|, and others near ends of pieces, within the `reach` of places that
-    are rounded. They hold for p as it was before it changed by up to `p_change` (nb,).
+    The samples have bounds on |u_D' - p'| for p before it changed by up to `p_change` (nb,), and other bounds
+    near ends of pieces, within the `reach` of places that are rounded.
     """
     slope_rounding = (MARKOV_SLOPE * (p_change / lengths))[samples.edge]
     slope_squares = 2 * samples.half_length * (samples.slope_remainder + slope_rounding) ** 2
@@ -192,10 +188,7 @@ def _bound_slope_remainder(samples: EdgePolynomials, lengths: Array, p_change: A
 
 @cache
 def _bernstein_matrix() -> Array:
-    """The matrix from values at the Gauss points of an interval to the coefficients in Bernstein's basis.
-
-    The basis has the degree PIECE_DEGREE, and there are PIECE_DEGREE + 1 points.
-    """
+    """The matrix from values at PIECE_DEGREE + 1 Gauss points to the coefficients in Bernstein's basis."""
     x = 0.5 * (np.polynomial.legendre.leggauss(PIECE_DEGREE + 1)[0] + 1)
     k = np.arange(PIECE_DEGREE + 1)
     binomials = np.array([math.comb(PIECE_DEGREE, i) for i in range(PIECE_DEGREE + 1)])

@@ -28,8 +28,8 @@ It is a choice, and only the sharpness of bounds depends on it. On meshes that s
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
 b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, where no flux into the patch is
-given, F_0. They solve a periodic tridiagonal system with a border, which is eliminated for many patches at
-once. A spoke has a number: 2 e + i goes from end i of edge e to the other one.
+given, F_0, or G = 2 F_0. They solve a periodic tridiagonal system with a border, which is eliminated for many
+patches at once. A spoke has a number: 2 e + i goes from end i of edge e to the other one.
 
 q is given by its values on edges. So whatever rounding does to these values, q is in H(div), with that q.n up
 to their rounding.
@@ -76,7 +76,8 @@ class _BorderedSystem(NamedTuple):
     """Equations for z_0, .., z_{k-1} and G = 2 F_0 on each of p patches, periodic and tridiagonal in the z_j.
 
     Row j has `diagonal` and, for z_{j+1}, `off_diagonal` (k, p). `columns` (3, k, p) are room for the column
-    of z_{k-1}, the column of G and the load. `border_diagonal` and `border_load` (p,) end the row of G.
+    of z_{k-1}, the column of G, which is its row, too, and the load. `border_diagonal` and `border_load` (p,)
+    end the row of G.
     """
 
     diagonal: Array
@@ -251,7 +252,7 @@ def _solve_boundary_patches(patches: _Patches, outer: Array) -> Array:
     is_given = ~np.isnan(outer[0])
     first_F, last_F = outer[0]
     total_divergence = patches.divergence.sum(axis=0)
-    # F_0 is given, or follows from the last F and the divergence, or is this plus an unknown
+    # F_0 is given, or follows from the last F and the divergence, or is S_0 plus the unknown G / 2
     from_last = np.where(is_given[1], last_F - total_divergence, -0.5 * total_divergence)
     S_0 = np.where(is_given[0], first_F, from_last)
     S = _accumulate_flows(patches, S_0, np.where(is_given[1], last_F, S_0 + total_divergence))
@@ -268,10 +269,10 @@ def _solve_boundary_patches(patches: _Patches, outer: Array) -> Array:
 
 
 def _accumulate_flows(patches: _Patches, first_flow: Array | float, last_flow: Array | float) -> Array:
-    """F_j on the spokes, from F on the first and on the last one, (k + 1, p)."""
+    """F_j (k + 1, p) on the spokes of p patches, from F on the first and on the last one."""
     F = np.empty_like(patches.rise)
     F[0] = first_flow
-    # F_{j+1} - F_j is the integral of div over T_j, less T_j's part by area of what is too much in the sum
+    # F_{j+1} - F_j is the divergence of T_j, less its part by area of what all have too much in sum
     excess = (patches.divergence.sum(axis=0) - (last_flow - first_flow)) / patches.area.sum(axis=0)
     for j, (d, area) in enumerate(zip(patches.divergence, patches.area, strict=True)):
         np.add(F[j], d - area * excess, out=F[j + 1])

@@ -55,7 +55,7 @@ TRIANGLES_PER_BLOCK = 1 << 11
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 TARGET_REMAINDER_RATIO = 0.003
-"""E may be this times ||p - mean p|| times `relative_mesh_size`: it falls with h like discretisation errors."""
+"""E may be this times ||p - mean p|| times `relative_mesh_size`: like other errors it falls with h."""
 COARSE_TARGET_SHARE = 0.1
 """On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
 MIN_TARGET_RATIO = 1e-13

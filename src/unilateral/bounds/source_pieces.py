@@ -236,10 +236,7 @@ def _order_corners(vertices: Array) -> tuple[Index, Array]:
 
 
 def _taylor_model(vertices: Array, scale: float, f: SourceFunction, steps: StepValues) -> TaylorModel:
-    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`.
-
-    Steps that are NaN in `steps` have both their values.
-    """
+    """f on pieces (k, 3, 2) with rounded coordinates of that `scale`; NaN in `steps` means both values."""
     places = []
     basis = monomial_basis(2, SOURCE_DEGREE)
     rounding = VERTEX_ROUNDING * scale
@@ -276,10 +273,7 @@ def split_at_jumps(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> t
 
 
 def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
-    """The pieces, and the `owner` of each; each that is `crossed` is cut in three by a chord.
-
-    The chord runs between two edges of a piece. `level` (k, 3) is the signed distance of the corners.
-    """
+    """The pieces and the `owner` of each; where `crossed` by {level = 0} they are cut in three by a chord."""
     s = level[crossed]
     above = s >= 0
     # the corner that lies alone on one side of the curve: above if one is, below if two are above

@@ -219,7 +219,7 @@ def divergence(mesh: Mesh, flux: Array) -> Array:
 
 
 def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Writes a certificate, compressed if the name ends in .gz."""
+    """Write a certificate, compressed if the name ends in .gz."""
     text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)
