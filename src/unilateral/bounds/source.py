@@ -116,9 +116,8 @@ class Source:
         area = self.mesh.areas[triangles]
         f_h = self.f_h[triangles]
         # p - f_h is orthogonal to f_h; what jumps leave counts with p
-        p_squares = (
-            linear_square_norms(area, f_h) + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
-        )
+        p_minus_f_h = self.oscillation[triangles] + self.jumps[triangles]
+        p_squares = linear_square_norms(area, f_h) + p_minus_f_h**2
         integral = float(area @ f_h.mean(axis=1))
         remainder_squares = float(np.sum(self.remainder[triangles] ** 2))
         return PieceSums(remainder_squares, float(p_squares.sum()), integral, float(area.sum()), len(area))
@@ -220,6 +219,7 @@ def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     moments = np.zeros((n, 3))  # (p, psi_b) on T
     oscillation_squares, remainder_squares, jump_squares, jump_integrals = np.zeros((4, n))
     for pieces in piece_blocks:
+        # psi_b is the sum over a piece's corners of its values there times the piece's own hats
         piece_moments = pieces.area[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", piece_moments, pieces.corners))
         remainder_squares += np.bincount(pieces.parent, pieces.remainder_squares, n)

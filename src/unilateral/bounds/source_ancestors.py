@@ -95,11 +95,11 @@ def enclose_ancestors(corners: Array, scale: float, f: SourceFunction) -> Polyno
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
     """The `frame` (6, k) of triangles with the corners a, u, v (2, k), in the order for sigma."""
-    # x = (u + v) / 2 + sigma_1 e + sigma_2 f, solved for sigma by Cramer's rule
-    e = 0.5 * (u - a)
-    f = 0.5 * (v - a)
-    scale = 1 / (ANCESTOR_GRID_STEP * (e[0] * f[1] - e[1] * f[0]))
-    return np.stack([f[1] * scale, -f[0] * scale, -e[1] * scale, e[0] * scale, *(0.5 * (u + v))])
+    # x = (u + v) / 2 + sigma_1 d + sigma_2 e, solved for sigma by Cramer's rule
+    d = 0.5 * (u - a)
+    e = 0.5 * (v - a)
+    scale = 1 / (ANCESTOR_GRID_STEP * (d[0] * e[1] - d[1] * e[0]))
+    return np.stack([e[1] * scale, -e[0] * scale, -d[1] * scale, d[0] * scale, *(0.5 * (u + v))])
 
 
 def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32) -> tuple[Array, Array]:
@@ -126,7 +126,7 @@ def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32
 
 def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
     """f_h (3, k) and the means of (p - f_h)^2 (k,), from p at points; `variables` (6, k) are the corners'."""
-    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
+    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)  # values (q, 3) of the hats at the rule's points
     p = _evaluate_polynomials(c, hats @ variables[:3], hats @ variables[3:])
     f_h = _corner_projection_matrix() @ p
     p -= hats @ f_h
@@ -180,10 +180,7 @@ def _corner_projection_matrix() -> Array:
 
 
 class Ancestors(NamedTuple):
-    """Polynomials; triangle t has the one with the number numbers[t], found halvings[t] halvings above it.
-
-    `numbers` and `halvings` are (m,).
-    """
+    """Polynomials; each triangle has one, with the number in `numbers` (m,), `halvings` (m,) above it."""
 
     polynomials: Polynomials
     numbers: Int32
@@ -209,8 +206,8 @@ class PieceSums:
         The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
         E = math.sqrt(self.remainder_squares)
-        # ||p - mean p||^2 = ||p||^2 - (int p)^2 / |Omega|
         norm = math.sqrt(self.p_squares)
+        # ||p - mean p||^2 = ||p||^2 - (int p)^2 / |Omega|
         spread = math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - E
         wanted_E = share * TARGET_REMAINDER_RATIO * relative_size * spread
         return max(wanted_E, MIN_TARGET_RATIO * (norm - E), 0.0) ** 2
@@ -268,7 +265,7 @@ class AncestorSearch:
             self.halvings = ancestors.halvings.copy()
             self.is_new[:] = False
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
-            # one with a polynomial of its own needs none, one that stays whole keeps what is known on it
+            # not those with a p of their own, nor those that stay whole: what is known on them is kept
             parents = np.concatenate([self.numbers[:0], *(step.parent for step in steps)])
             is_split = np.isin(np.arange(n), parents)
             is_searched = self.is_coarse & (self.halvings > 0) & is_split
@@ -292,10 +289,7 @@ class AncestorSearch:
         return Ancestors(self.polynomials, self.numbers, self.halvings)
 
     def _enclose(self, nodes: Index, triangles: Index) -> None:
-        """Enclose f on the triangles with those nodes (k, 3) and the numbers `triangles` (k,).
-
-        They may be triangles of a coarser mesh, whose nodes are nodes of the mesh, too.
-        """
+        """Enclose f on triangles of the mesh or a coarser one, with `nodes` (k, 3) and numbers (k,)."""
         if not triangles.size:
             return
         enclosed = enclose_ancestors(self.mesh.points[nodes], coordinate_scale(self.mesh), self.f)
@@ -304,9 +298,8 @@ class AncestorSearch:
         self.halvings[triangles] = 0
         self.is_new[triangles] = True
         area = signed_areas(self.mesh.points, nodes)
-        self.is_coarse[triangles] = self._exceeds_coarse_target(
-            enclosed.remainder, self._extend_sums(enclosed, area)
-        )
+        sums = self._extend_sums(enclosed, area)  # of all of f that is known, for the target is part of ||f||
+        self.is_coarse[triangles] = self._exceeds_coarse_target(enclosed.remainder, sums)
         fine = np.flatnonzero(~self.is_coarse[triangles])
         self.sums = self._extend_sums(enclosed.select(fine), area[fine])
 

@@ -61,7 +61,7 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     """The function, flux and trace on which the cheap bound of a solution rests.
 
     If c is 0 or small, the flux is balanced: a checker multiplies the mean of f + div p - c v on triangles by
-    a constant that is less sharp than the program's. It is what the iteration left of the discrete equations.
+    a constant that is less sharp than the program's. That mean is what the iteration left of the equations.
     """
     bound = solved.local_bound
     flux = solved.flux
@@ -76,7 +76,7 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     if form.c * form.friedrichs**2 < form.k:
         load_means = data.source.moments().sum(axis=1) / mesh.areas
         v_means = solved.u_h[mesh.triangles].mean(axis=1)
-        # f + div p - c v has the mean 0 on triangles after this
+        # the flux that is added has the divergence -surplus: f + div p - c v has the mean 0 on triangles then
         surplus = load_means - form.c * v_means + divergence(mesh, flux)
         flux = flux + poisson_flux(mesh, form.clamped, surplus)
         field = friedrichs_field(mesh, form.clamped)
@@ -95,7 +95,7 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
     statement = state_problem(problem)
     mesh = judged.mesh
     polygon = mesh.polygon
-    # the file has the boundary nodes first
+    # the file has the boundary nodes first: `order` are the nodes in its order, `number` is its inverse
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     order = np.append(mesh.boundary, inside)
     number = np.argsort(order)
@@ -123,7 +123,8 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
 def round_to_grid(values: Array, bits: int, rounding: np.ufunc = np.rint) -> Array:
     """Values rounded to multiples of 2^-bits times a power of 2 that is above all of them."""
     exponent = int(np.frexp(np.abs(values).max(initial=0.0))[1]) - bits
-    return np.asarray(np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)) + 0.0
+    rounded = np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)
+    return np.asarray(rounded) + 0.0  # -0.0 becomes 0.0
 
 
 def edge_values(mesh: Mesh, flux: Array, positive_edges: Index | tuple[()] = ()) -> Array:

@@ -40,7 +40,7 @@ def state_problem(problem: Problem) -> dict[str, Any]:
         kind = "clamped" if side in problem.clamped_sides else "contact"
         kind = "free" if side in problem.free_sides else kind
         place = f"{name}, field {CONDITION_FIELDS[kind]}[{side}]"
-        data = problem.q if kind == "free" else problem.g
+        data = problem.q if kind == "free" else problem.g  # g is u_D on clamped sides
         is_exact = partial(_is_quadratic, start, vertices[(side + 1) % len(vertices)])
         function = _state_function(data[side] if data else ZERO, place, is_exact)
         if kind == "clamped" and isinstance(function, str):
