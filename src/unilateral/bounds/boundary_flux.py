@@ -79,7 +79,6 @@ def build_normal_flux(
     lengths = np.diff(mesh.s)
     points, cell, edge = overlay(partition.points, mesh.s)
     mu, oscillation_squares, square_constants = _limit_slopes(mesh, points, edge, lambda_H[cell])
-
     # k du_h/dn of the triangle at each edge, as far as it flows out
     outer_mesh = mesh.select_triangles(mesh.boundary_triangles)
     slopes = np.einsum("tid,ti->td", gradients(outer_mesh), u_h[outer_mesh.triangles])
@@ -113,7 +112,7 @@ def _limit_slopes(mesh: Mesh, points: Array, edge: Index, value: Array) -> tuple
     x = 2 * (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths[edge] - 1
     mean = np.bincount(edge, share * value, nb)
     slope = 3 * np.bincount(edge, share * x * value, nb)
-    mu_slope = np.clip(slope, -mean, mean)
+    mu_slope = np.clip(slope, -mean, mean)  # mu = mean + mu_slope x is >= 0, as the mean is
     # |e|^-1 ||lambda_H - mu||_e^2 = variance - slope^2 / 3 + (mu_slope - slope)^2 / 3
     variance = np.bincount(edge, share * (value - mean[edge]) ** 2, nb)
     oscillation_variance = np.maximum(variance + (mu_slope - 2 * slope) * mu_slope / 3, 0.0)
@@ -177,15 +176,15 @@ def project_given_flux(flux: GivenFlux, mesh: Mesh) -> GivenEdgeFlux:
     edge = _locate_edges(mesh, samples.middle[is_given])
     weight = half_length[:, None] * samples.weights
     x = (samples.s[is_given] - mesh.s[edge][:, None]) / lengths[edge][:, None]
-    tau = project_to_linear(mesh, edge, x, weight, p)
+    projection = project_to_linear(mesh, edge, x, weight, p)  # tau~
     # p - tau~ is measured by the same Gauss points, which are exact for squares of polynomials of p's degree
-    difference = p - tau[edge, :1] * (1 - x) - tau[edge, 1:] * x
-    oscillation = np.sqrt(np.bincount(edge, np.sum(weight * difference**2, axis=1), len(tau)))
+    difference = p - projection[edge, :1] * (1 - x) - projection[edge, 1:] * x
+    oscillation = np.sqrt(np.bincount(edge, np.sum(weight * difference**2, axis=1), len(lengths)))
     remainder = flux.remainder[samples.piece[is_given]]
     size, integral = _remainder_bounds(flux, mesh, edge, 2 * half_length, remainder)
     rounding = _given_flux_rounding(flux, mesh, edge, np.abs(p).max(axis=1))
     return GivenEdgeFlux(
-        tau,
+        projection,
         oscillation=oscillation,
         remainder_norms=size + np.sqrt(lengths) * rounding,
         remainder_integrals=integral + lengths * rounding,

@@ -311,11 +311,8 @@ def _assemble_system(patches: _Patches, S: Array, at_boundary: bool) -> _Bordere
 
 
 def _sum_at_spokes(following: Array, preceding: Array, at_boundary: bool = False) -> Array:
-    """The sums at each spoke of the values (k, p) of the triangles after and before it, (k, p).
-
-    At the boundary they are (k + 1, p), and outer spokes have one triangle only.
-    """
-    if at_boundary:
+    """Sums at each spoke of values (k, p) of the triangles beside it; (k + 1, p) at the boundary."""
+    if at_boundary:  # outer spokes have one triangle only
         no_triangle = np.zeros((1, following.shape[1]))
         following = np.concatenate([following, no_triangle])
         preceding = np.concatenate([preceding, no_triangle])

@@ -106,10 +106,7 @@ def attainable_squares(mesh: Mesh, corners: Array, parent: Index, f: SourceFunct
 def enclose_pieces(
     mesh: Mesh, corners: Array, parent: Index, f: SourceFunction
 ) -> tuple[TrianglePieces, Index]:
-    """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of.
-
-    The pieces have barycentric `corners` (k, 3, 3) in the triangles `parent` (k,).
-    """
+    """p on pieces with `corners` in triangles `parent`, cut at jumps; the piece that each is a part of."""
     pieces = []
     owners = []
     for block in row_blocks(len(parent)):
@@ -128,13 +125,11 @@ def widen_areas(area: Array, perimeter: Array, scale: float) -> Array:
 
 
 def enclose_triangles(vertices: Array, scale: float, f: SourceFunction) -> tuple[Array, Array, Array]:
-    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in the order for sigma.
-
-    A step has both its values on a triangle that its curve may cross.
-    """
+    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in order for sigma."""
     order, _ = _order_corners(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     steps = step_values(vertices, f.jumps, scale)
+    # these triangles are not cut: a step has both its values where its curve may cross
     model = _taylor_model(vertices, scale, f, steps.widened)
     return model.c, _remainder_bound(model), vertices
 
