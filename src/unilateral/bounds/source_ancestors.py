@@ -32,6 +32,7 @@ from unilateral.fem.quadrature import symmetric_rule
 from unilateral.formulas.taylor import EPS, monomial_basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import signed_areas
+from unilateral.geometry.refinement import RefinementStep
 from unilateral.problems.problem import SourceFunction
 
 MAX_ANCESTOR_HALVINGS = 6
@@ -217,8 +218,7 @@ def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
     """h / `length_scale`, at most 1: how much less a part of f with mean 0 counts than one of any mean.
 
     Paired with a z of the energy norm 1, k = 1, a part r with mean 0 gives at most h |z|_1 ||r||, another one
-    at most length_scale ||r||, `Form.length_scale`. h is the leg of a right isosceles triangle of the mean
-    area.
+    at most length_scale ||r||, `Form.length_scale`. h^2 is twice the mean area of triangles.
     """
     return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length_scale, 1.0)
 
@@ -259,6 +259,7 @@ class AncestorSearch:
         n = len(first_mesh.triangles)
         self.numbers, self.halvings = np.zeros((2, n), dtype=np.int32)
         self.is_coarse, self.is_new = np.ones((2, n), dtype=bool)
+        is_searched = self.is_coarse
         if ancestors:
             self.polynomials = ancestors.polynomials
             self.numbers = ancestors.numbers.copy()
@@ -266,27 +267,30 @@ class AncestorSearch:
             self.is_new[:] = False
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
             # not those with a p of their own, nor those that stay whole: what is known on them is kept
-            parents = np.concatenate([self.numbers[:0], *(step.parent for step in steps)])
-            is_split = np.isin(np.arange(n), parents)
+            is_split = np.isin(np.arange(n), np.concatenate([self.numbers[:0], *(s.parent for s in steps)]))
             is_searched = self.is_coarse & (self.halvings > 0) & is_split
-        else:
-            is_searched = self.is_coarse
         self._enclose(first_mesh.triangles[is_searched], np.flatnonzero(is_searched))
-        # a triangle that was cut is searched if its ancestor is too coarse, or too many halvings above it
         for step in steps:
-            again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
-            self.numbers = step.inherit(self.numbers)
-            self.halvings = step.inherit(self.halvings)
-            self.is_coarse = step.inherit(self.is_coarse)
-            self.is_new = step.inherit(self.is_new)
-            self.halvings[step.triangles] += 1
-            self.is_new[step.triangles] = True
-            self._enclose(step.nodes[again], step.triangles[again])
+            self._search_after(step)
 
     @property
     def ancestors(self) -> Ancestors:
         """The polynomials that were found, and on which triangles of the mesh each holds."""
         return Ancestors(self.polynomials, self.numbers, self.halvings)
+
+    def _search_after(self, step: RefinementStep) -> None:
+        """Go on to the mesh after a step; search new triangles whose p is not near enough.
+
+        They are searched, too, if it is MAX_ANCESTOR_HALVINGS halvings above their parents.
+        """
+        again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
+        self.numbers = step.inherit(self.numbers)
+        self.halvings = step.inherit(self.halvings)
+        self.is_coarse = step.inherit(self.is_coarse)
+        self.is_new = step.inherit(self.is_new)
+        self.halvings[step.triangles] += 1
+        self.is_new[step.triangles] = True
+        self._enclose(step.nodes[again], step.triangles[again])
 
     def _enclose(self, nodes: Index, triangles: Index) -> None:
         """Enclose f on triangles of the mesh or a coarser one, with `nodes` (k, 3) and numbers (k,)."""
