@@ -117,7 +117,6 @@ def build_constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
     x = np.clip((samples.s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
     p = samples.value + (rise[edge, :1] * (1 - x) + rise[edge, 1:] * x)
     slope = samples.slope + (np.diff(rise)[:, 0] / lengths)[edge][:, None]
-
     # u_D at a node is p on the edge that begins there, if that is clamped, else on the one that ends there
     clamped_values = np.zeros(mesh.n_nodes)
     clamped_values[np.roll(mesh.boundary, -1)[clamped]] = samples.ends[clamped, 1]

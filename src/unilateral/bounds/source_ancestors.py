@@ -279,10 +279,7 @@ class AncestorSearch:
         return Ancestors(self.polynomials, self.numbers, self.halvings)
 
     def _search_after(self, step: RefinementStep) -> None:
-        """Go on to the mesh after a step; search new triangles whose p is not near enough.
-
-        They are searched, too, if it is MAX_ANCESTOR_HALVINGS halvings above their parents.
-        """
+        """Go on to the mesh after a step; search where the ancestor is not near enough, or too far above."""
         again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
         self.numbers = step.inherit(self.numbers)
         self.halvings = step.inherit(self.halvings)
