@@ -9,8 +9,8 @@ much larger than lambda. This is a choice, and only the sharpness of bounds depe
 
 On free sides the flux tau (q in problem files) is given. On an edge e it is a piecewise polynomial p up to a
 function rho, and bounds on ||rho||_e and on its integral are known (`GivenFlux`). tau~ is the L2
-projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. For p - tau~, which is
-orthogonal to linear functions, see `oscillation`. On the triangle T at e
+projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. `oscillation` bounds the
+dual norm of p - tau~, which is orthogonal to linear functions. On the triangle T at e
 
     <rho, z>_e <= ||rho||_e ||z - mean_T z||_e + |int rho| |T|^{-1/2} ||z||_T,
 
@@ -51,9 +51,9 @@ EDGE_REACTION_RATIO = 15.0
 class NormalFlux(NamedTuple):
     """sigma, by its values `end_values` (nb, 2) >= 0 at the ends of the edges.
 
-    `oscillation_squares` (nb,) is the squared L2 norm of lambda_H - mu, and `square_constants` (nb,) is what
-    `oscillation` needs to bound that in the dual norm; `reduction_squares` (nb,) is the squared L2 norm of mu
-    - sigma. `contact_scale` (nb,) is the largest H_i lambda_i of a cell there over k, with the factor w.
+    `oscillation_squares` (nb,) is the squared L2 norm of lambda_H - mu, and `square_constants` (nb,) is the C
+    with which `oscillation` bounds its dual norm; `reduction_squares` (nb,) is the squared L2 norm of
+    mu - sigma. `contact_scale` (nb,) is the largest H_i lambda_i of a cell there over k, with the factor w.
     """
 
     end_values: Array
@@ -64,13 +64,11 @@ class NormalFlux(NamedTuple):
 
     def multiplier_distance(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
-        oscillation_norm = oscillation_bound(
-            mesh, self.oscillation_squares[:, None], self.square_constants, form
-        ).item()
-        is_reduced = self.reduction_squares > 0
-        reduction_norm = math.sqrt(
-            value_constants(mesh, form)[is_reduced] @ self.reduction_squares[is_reduced]
-        )
+        squares = self.oscillation_squares[:, None]
+        oscillation_norm = oscillation_bound(mesh, squares, self.square_constants, form).item()
+        is_reduced = self.reduction_squares > 0  # nothing is for c = 0, where the constants are infinite
+        constants = value_constants(mesh, form)[is_reduced]
+        reduction_norm = math.sqrt(constants @ self.reduction_squares[is_reduced])
         return (1 + SQUARES_ROUNDING) * (oscillation_norm + reduction_norm)
 
 
@@ -79,37 +77,49 @@ def build_normal_flux(
 ) -> NormalFlux:
     """The flux of lambda_H (m,), which is constant on the cells, for u_h (n,) near the discrete solution."""
     lengths = np.diff(mesh.s)
-    nb = len(mesh.boundary)
-    # the moments of lambda_H on edges, with x from -1 to 1: mu has the mean, and a slope that leaves mu >= 0
     points, cell, edge = overlay(partition.points, mesh.s)
-    middle = 0.5 * (points[1:] + points[:-1])
-    share = np.diff(points) / lengths[edge]
-    x = 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
-    value = lambda_H[cell]
-    mean = np.bincount(edge, share * value, nb)
-    slope = 3 * np.bincount(edge, share * x * value, nb)
-    mu_slope = np.clip(slope, -mean, mean)
-    # |e|^-1 ||lambda_H - mu||_e^2 = variance - slope^2 / 3 + (mu_slope - slope)^2 / 3
-    variance = np.bincount(edge, share * (value - mean[edge]) ** 2, nb)
-    oscillation_variance = np.maximum(variance + (mu_slope - 2 * slope) * mu_slope / 3, 0.0)
-    # H_i lambda_i / k has the unit of u, and u_h - g is compared with it (`find_contact`)
-    largest_H_lambda = np.zeros(nb)
-    np.maximum.at(largest_H_lambda, edge, (partition.lengths * lambda_H)[cell])
-    mu = np.column_stack([mean - mu_slope, mean + mu_slope])
-
-    # sigma = mu - reduction, (1 - w) (mu - max(k du_h/dn, 0))_+; its square is that of a linear function
+    mu, oscillation_squares, square_constants = _limit_slopes(mesh, points, edge, lambda_H[cell])
+    # k du_h/dn of the triangle at each edge, as far as it flows out
     outer_mesh = mesh.select_triangles(mesh.boundary_triangles)
     slopes = np.einsum("tid,ti->td", gradients(outer_mesh), u_h[outer_mesh.triangles])
-    outflow = form.k * np.sum(slopes * mesh.polygon.normals[mesh.side], axis=1)
+    outflow = np.maximum(form.k * np.sum(slopes * mesh.polygon.normals[mesh.side], axis=1), 0.0)
+    # sigma = mu - reduction, (1 - w) (mu - outflow)_+ taken at both ends and linear between them
     w = 1 / np.maximum(1.0, form.c / (EDGE_REACTION_RATIO * form.k) * lengths**2) ** 2
-    reduction = (1 - w[:, None]) * np.maximum(mu - np.maximum(outflow, 0.0)[:, None], 0.0)
+    reduction = (1 - w[:, None]) * np.maximum(mu - outflow[:, None], 0.0)
+    # H_i lambda_i / k has the unit of u, and u_h - g is compared with it (`find_contact`)
+    largest_H_lambda = np.zeros(len(lengths))
+    np.maximum.at(largest_H_lambda, edge, (partition.lengths * lambda_H)[cell])
     return NormalFlux(
         mu - reduction,
-        oscillation_squares=lengths * oscillation_variance,
-        square_constants=np.where(mu_slope == slope, SQUARE_CONSTANT, MEAN_FREE_SQUARE_CONSTANT),
+        oscillation_squares,
+        square_constants,
+        # the square of a linear function with the values a, b at the ends: |e| / 3 (a^2 + b^2 + a b)
         reduction_squares=lengths / 3 * ((reduction**2).sum(axis=1) + reduction.prod(axis=1)),
         contact_scale=w * largest_H_lambda / form.k,
     )
+
+
+def _limit_slopes(mesh: Mesh, points: Array, edge: Index, value: Array) -> tuple[Array, Array, Array]:
+    """mu (nb, 2) >= 0 at the ends of edges, ||lambda_H - mu||_e^2 and the constants for squares, (nb,) each.
+
+    lambda_H has the `value` (k,) on the intervals between the arc lengths `points` (k + 1,), which lie on the
+    edges `edge` (k,).
+    """
+    lengths = np.diff(mesh.s)
+    nb = len(lengths)
+    # mean and slope of the L2 projection of lambda_H to linear functions of x, from -1 to 1 on each edge
+    share = np.diff(points) / lengths[edge]
+    x = 2 * (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths[edge] - 1
+    mean = np.bincount(edge, share * value, nb)
+    slope = 3 * np.bincount(edge, share * x * value, nb)
+    mu_slope = np.clip(slope, -mean, mean)  # mu = mean + mu_slope x is >= 0, as the mean is
+    # |e|^-1 ||lambda_H - mu||_e^2 = variance - slope^2 / 3 + (mu_slope - slope)^2 / 3
+    variance = np.bincount(edge, share * (value - mean[edge]) ** 2, nb)
+    oscillation_variance = np.maximum(variance + (mu_slope - 2 * slope) * mu_slope / 3, 0.0)
+    # a mu with the whole slope leaves what is orthogonal to linear functions, else only to constants
+    square_constants = np.where(mu_slope == slope, SQUARE_CONSTANT, MEAN_FREE_SQUARE_CONSTANT)
+    mu = np.column_stack([mean - mu_slope, mean + mu_slope])
+    return mu, lengths * oscillation_variance, square_constants
 
 
 class GivenEdgeFlux(NamedTuple):
@@ -126,9 +136,8 @@ class GivenEdgeFlux(NamedTuple):
 
     def projection_error(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of p - tau~ in the dual of the energy norm on H^1."""
-        return (1 + SQUARES_ROUNDING) * oscillation_bound(
-            mesh, self.oscillation[:, None] ** 2, form=form
-        ).item()
+        bound = oscillation_bound(mesh, self.oscillation[:, None] ** 2, form=form)
+        return (1 + SQUARES_ROUNDING) * bound.item()
 
     def shares(self, mesh: Mesh, form: Form) -> Array:
         """Each boundary edge's part of the squared bound on the dual norm of p - tau~, (nb,)."""
@@ -163,20 +172,19 @@ def project_given_flux(flux: GivenFlux, mesh: Mesh) -> GivenEdgeFlux:
     lengths = np.diff(mesh.s)
     is_given = flux.is_given[samples.piece]
     half_length = samples.half_length[is_given]
-    piece = samples.piece[is_given]
-    s = samples.s[is_given]
     p = samples.value[is_given]
     edge = _locate_edges(mesh, samples.middle[is_given])
     weight = half_length[:, None] * samples.weights
-    x = (s - mesh.s[edge][:, None]) / lengths[edge][:, None]
-    tau = project_to_linear(mesh, edge, x, weight, p)
-    # tau~ is the L2 projection of p on each edge, and the rest of p is measured by the same Gauss points
-    difference = p - tau[edge, :1] * (1 - x) - tau[edge, 1:] * x
-    oscillation = np.sqrt(np.bincount(edge, np.sum(weight * difference**2, axis=1), len(tau)))
-    size, integral = _remainder_bounds(flux, mesh, edge, 2 * half_length, flux.remainder[piece])
+    x = (samples.s[is_given] - mesh.s[edge][:, None]) / lengths[edge][:, None]
+    projection = project_to_linear(mesh, edge, x, weight, p)  # tau~
+    # p - tau~ is measured by the same Gauss points, which are exact for squares of polynomials of p's degree
+    difference = p - projection[edge, :1] * (1 - x) - projection[edge, 1:] * x
+    oscillation = np.sqrt(np.bincount(edge, np.sum(weight * difference**2, axis=1), len(lengths)))
+    remainder = flux.remainder[samples.piece[is_given]]
+    size, integral = _remainder_bounds(flux, mesh, edge, 2 * half_length, remainder)
     rounding = _given_flux_rounding(flux, mesh, edge, np.abs(p).max(axis=1))
     return GivenEdgeFlux(
-        tau,
+        projection,
         oscillation=oscillation,
         remainder_norms=size + np.sqrt(lengths) * rounding,
         remainder_integrals=integral + lengths * rounding,
@@ -186,9 +194,10 @@ def project_given_flux(flux: GivenFlux, mesh: Mesh) -> GivenEdgeFlux:
 def _remainder_bounds(
     flux: GivenFlux, mesh: Mesh, edge: Index, length: Array, remainder: Array
 ) -> tuple[Array, Array]:
-    """Bounds (nb,) on ||rho||_e and on the integral of |rho| over boundary edges, from those on intervals.
+    """Bounds (nb,) on ||rho||_e and on the integral of |rho| over boundary edges.
 
-    Within the flux's `reach` of a place where two pieces meet, on either side, rho may be the jump there.
+    On intervals of the `length` (k,), on the edges `edge` (k,), |rho| is at most the `remainder` (k,). Within
+    the flux's `reach` of a place where two pieces meet, on either side, rho may be the jump there.
     """
     jump_points = flux.points[flux.jumps > 0]
     jumps = flux.jumps[flux.jumps > 0]
@@ -196,6 +205,7 @@ def _remainder_bounds(
     after = _locate_edges(mesh, jump_points + flux.reach)
     is_cut = before != after
     nb = len(mesh.boundary)
+    # jumps are intervals more, of twice the reach; one near a node may lie on either edge, and counts on both
     edge = np.concatenate([edge, before, after[is_cut]])
     length = np.append(length, np.full(len(edge) - len(length), 2 * flux.reach))
     size = np.concatenate([remainder, jumps, jumps[is_cut]])
@@ -205,9 +215,10 @@ def _remainder_bounds(
 
 
 def _given_flux_rounding(flux: GivenFlux, mesh: Mesh, edge: Index, magnitude: Array) -> Array:
-    """The rounding of tau~ on each boundary edge, from the largest |p| on intervals, (nb,).
+    """The rounding of tau~ on each boundary edge, (nb,).
 
-    Places, and so the edges' lengths, are rounded, too.
+    |p| is at most `magnitude` (k,) on intervals of the edges `edge` (k,). Places are rounded, too, by up to
+    the flux's `reach`, and so are the edges' lengths.
     """
     largest = np.zeros(len(mesh.boundary))
     np.maximum.at(largest, edge, magnitude)
@@ -216,5 +227,5 @@ def _given_flux_rounding(flux: GivenFlux, mesh: Mesh, edge: Index, magnitude: Ar
 
 
 def _locate_edges(mesh: Mesh, s: Array) -> Index:
-    """The boundary edge on which each arc length lies, (k,)."""
+    """The boundary edge on which each arc length lies, (k,); at a node it is the edge that ends there."""
     return np.clip(np.searchsorted(mesh.s, s) - 1, 0, len(mesh.boundary) - 1)

@@ -17,18 +17,11 @@ from unilateral.problems.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class EnclosedData:
-    """What is known of f, g and q on the mesh of a `source`.
+    """What is known of f, g and q on a mesh: the `source` has f on the triangles.
 
-    Parameters
-    ----------
-    source
-        f on the triangles.
-    constraint
-        g on the boundary edges with multipliers, and u_D on clamped ones.
-    given_flux
-        The flux that is given on free edges, tau~ and what that leaves of it.
-    total_force
-        If c = 0, two numbers between which - int f - int q lies, the sum of all forces and reactions.
+    The `constraint` has g on the boundary edges with multipliers, and u_D on clamped ones; `given_flux` is
+    tau~ on free edges, with what it leaves of the flux there. `total_force` are, if c = 0, two numbers
+    between which - int f - int q lies, the sum of all forces and reactions.
     """
 
     source: Source

@@ -46,10 +46,7 @@ MIN_QUARTERING_RATIO = 16.0
 MAX_RESOLVED_RATIO = 4.0
 """f counts as resolved if the sum of E^2 is at most this times the wanted sum."""
 MAX_SOURCE_PIECES = 200_000
-"""At most this many pieces are looked at, or four times the number of triangles of the mesh if that is more.
-
-Triangles of coarser levels are not counted.
-"""
+"""At most this many pieces of triangles are looked at, or four per triangle of the mesh if that is more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,20 +83,20 @@ class Source:
 
     @property
     def irreducible_remainder(self) -> float:
-        """The part of that norm that hardly falls on finer meshes."""
+        """The part of that norm that hardly falls on finer meshes: all of it, if f is not resolved."""
         return 0.0 if self.is_resolved else self.remainder_norm
 
     def fill_from_source(self, triangles: Index | slice, source: Source) -> None:
-        """Put in what is known on the triangles `triangles` as those of another mesh."""
+        """Put in a `source` on the triangles `triangles` only, in their order."""
         self.f_h[triangles] = source.f_h
         self.oscillation[triangles] = source.oscillation
         self.jumps[triangles] = source.jumps
         self.remainder[triangles] = source.remainder
 
     def fill_from_ancestors(self, triangles: Index, ancestors: Ancestors) -> None:
-        """Put in what the polynomials say on the triangles `triangles` (k,)."""
+        """Put in f_h and bounds from the ancestors' polynomials on the triangles `triangles` (k,)."""
         mesh = self.mesh
-        size = coordinate_scale(self.mesh)
+        size = coordinate_scale(mesh)
         places = np.ascontiguousarray(mesh.points.T)
         for block in row_blocks(len(triangles), TRIANGLES_PER_BLOCK):
             some = triangles[block]
@@ -107,7 +104,7 @@ class Source:
             numbers = ancestors.numbers[some]
             corners = places[:, mesh.triangles[some].T]
             f_h, squares = project_polynomials(corners, ancestors.polynomials, numbers)
-            # E_T = |T|^{1/2} remainder, on the triangle and on what rounding leaves between triangles
+            # E_T = |T|^{1/2} remainder, also on gaps that rounding leaves beside T; 3 d is over T's perimeter
             outer = widen_areas(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some] = f_h.T
             self.oscillation[some] = np.sqrt(area * squares)
@@ -115,17 +112,15 @@ class Source:
             self.remainder[some] = np.sqrt(outer) * ancestors.polynomials.remainder[numbers]
 
     def piece_sums(self, triangles: Mask) -> PieceSums:
-        """The sums over some of the triangles."""
+        """The sums over some of the triangles, each of which is one piece."""
         area = self.mesh.areas[triangles]
-        means = self.f_h[triangles].mean(axis=1)
-        p_squares = (
-            linear_square_norms(area, self.f_h[triangles])
-            + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
-        )
+        f_h = self.f_h[triangles]
+        # p - f_h is orthogonal to f_h; what jumps leave counts with p
+        p_minus_f_h = self.oscillation[triangles] + self.jumps[triangles]
+        p_squares = linear_square_norms(area, f_h) + p_minus_f_h**2
+        integral = float(area @ f_h.mean(axis=1))
         remainder_squares = float(np.sum(self.remainder[triangles] ** 2))
-        return PieceSums(
-            remainder_squares, float(p_squares.sum()), float(area @ means), float(area.sum()), len(area)
-        )
+        return PieceSums(remainder_squares, float(p_squares.sum()), integral, float(area.sum()), len(area))
 
 
 def enclose_function(
@@ -133,13 +128,14 @@ def enclose_function(
 ) -> Source:
     """f on the mesh; `remainder` is infinite where f has no bound, and large where pieces did not suffice.
 
-    What is known on a mesh `coarser`, from which this one was refined, is kept where that is enough. For the
+    `coarser` is f on a mesh from which this one was refined; it is kept where that is enough. For the
     `length_scale` see `relative_mesh_size`.
     """
     n = len(mesh.triangles)
     source = Source(mesh, np.empty((n, 3)), *np.empty((3, n)))
     ancestors = None
     sums = PieceSums()
+    # triangles that were not refined keep their numbers; all others are new to the search, and overwritten
     if coarser:
         source.fill_from_source(slice(len(coarser.f_h)), coarser)
     if coarser and coarser.ancestors:
@@ -169,7 +165,7 @@ def enclose_function(
 def enclose_source(
     mesh: Mesh, f: SourceFunction | Array, form: Form, coarser: Source | None = None
 ) -> Source:
-    """f on the mesh, `enclose_function`, or linear if it is given at the nodes (n,)."""
+    """f on the mesh: `enclose_function` of a formula, or linear if f has the values (n,) at the nodes."""
     if isinstance(f, np.ndarray):
         return linear_source(mesh, f)
     return enclose_function(mesh, f, coarser, form.length_scale)
@@ -183,20 +179,23 @@ def linear_source(mesh: Mesh, f: Array) -> Source:
 def _enclose_by_quartering(
     mesh: Mesh, f: SourceFunction, length_scale: float, sums: PieceSums, max_pieces: int
 ) -> tuple[Source, PieceSums]:
-    """f on a part of a mesh, from pieces quartered until the sum of E^2 meets its target, and all sums."""
-    n = len(mesh.triangles)
-    corners = np.broadcast_to(np.eye(3), (n, 3, 3))
-    parent = np.arange(n)
+    """f on a part of a mesh, and the `sums` over the rest of it with those over this part added.
+
+    Pieces are quartered until the sum of E^2 meets its target, or `max_pieces` were looked at.
+    """
+    parent = np.arange(len(mesh.triangles))
+    corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     piece_blocks = []
     while parent.size:
+        # parts of pieces, which jumps may have cut, and the number of the piece that each is a part of
         pieces, owner = enclose_pieces(mesh, corners, parent, f)
         max_pieces -= len(owner)
         # E^2, where what may lack in the integral is spread over the piece's triangle
         remainder_squares = pieces.remainder_squares + pieces.jump_integral**2 / mesh.areas[pieces.parent]
-        area = pieces.area
         p_means = polynomial_means(pieces.c)
         piece_squares = np.bincount(owner, remainder_squares, len(parent)).astype(float)
-        total = sums + sum_pieces(p_means, area, remainder_squares)
+        # the sums if nothing more were quartered
+        total = sums + sum_pieces(p_means, pieces.area, remainder_squares)
         target = total.target(relative_mesh_size(mesh, length_scale))
         # too wide: more than half of an equal share of the target, and more than rounding leaves
         is_wide = piece_squares > (0.5 * target / total.count if total.remainder_squares > target else np.inf)
@@ -208,21 +207,19 @@ def _enclose_by_quartering(
             is_wide &= np.argsort(np.argsort(-piece_squares)) < max_pieces // 4
         is_done = ~is_wide[owner]
         piece_blocks.append(pieces.select(is_done))
-        sums += sum_pieces(p_means[:, is_done], area[is_done], remainder_squares[is_done])
+        sums += sum_pieces(p_means[:, is_done], pieces.area[is_done], remainder_squares[is_done])
         corners = quarter(corners[is_wide])
         parent = np.repeat(parent[is_wide], 4)
     return _project_pieces(mesh, piece_blocks), sums
 
 
 def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
-    """f_h and what is left of f, from pieces that cover the mesh."""
+    """f_h and bounds on what is left of f, from blocks of pieces that cover the mesh."""
     n = len(mesh.triangles)
     moments = np.zeros((n, 3))  # (p, psi_b) on T
-    oscillation_squares = np.zeros(n)
-    remainder_squares = np.zeros(n)
-    jump_squares = np.zeros(n)
-    jump_integrals = np.zeros(n)
+    oscillation_squares, remainder_squares, jump_squares, jump_integrals = np.zeros((4, n))
     for pieces in piece_blocks:
+        # psi_b is the sum over a piece's corners of its values there times the piece's own hats
         piece_moments = pieces.area[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", piece_moments, pieces.corners))
         remainder_squares += np.bincount(pieces.parent, pieces.remainder_squares, n)

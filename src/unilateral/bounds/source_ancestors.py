@@ -3,11 +3,11 @@
 f is enclosed on the triangles of the first mesh. Where that leaves too much of f, they are replaced by those
 that came from them, down to the mesh itself.
 
-On a triangle f is near a polynomial p, |f - p| <= rad. This holds on all triangles of a mesh that lie in it.
-In p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP,
-for each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving
-rounds them by half an EPS of their size. rad holds for coordinates that are rounded by up to VERTEX_ROUNDING
-of their size, so p is used on triangles that are up to MAX_ANCESTOR_HALVINGS halvings finer.
+On a triangle f is near a polynomial p, |f - p| <= remainder. This holds on all triangles that lie in it. In
+p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP, for
+each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving rounds
+them by half an EPS of their size. The remainder holds for coordinates that are rounded by up to
+VERTEX_ROUNDING of their size, so p is used on triangles up to MAX_ANCESTOR_HALVINGS halvings finer.
 """
 
 from __future__ import annotations
@@ -56,10 +56,7 @@ TRIANGLES_PER_BLOCK = 1 << 11
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 TARGET_REMAINDER_RATIO = 0.003
-"""E may be as large as this times `relative_mesh_size` times ||p - mean p||.
-
-It falls with h, like discretisation errors.
-"""
+"""E may be this times ||p - mean p|| times `relative_mesh_size`: like other errors it falls with h."""
 COARSE_TARGET_SHARE = 0.1
 """On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
 MIN_TARGET_RATIO = 1e-13
@@ -69,9 +66,8 @@ MIN_TARGET_RATIO = 1e-13
 class Polynomials(NamedTuple):
     """p on triangles by its c (m, k), and its `remainder` (k,).
 
-    `frame` (6, k) is the map from places to p's variables. Take a place less the last two
-    rows. Its products with the first two rows and with the next two are, but for rounding, the two variables,
-    in units of ANCESTOR_GRID_STEP.
+    `frame` (6, k) is the map from places to p's variables. Take a place less the last two rows. Its products
+    with the first two rows and with the next two are the variables in units of ANCESTOR_GRID_STEP.
     """
 
     c: Array
@@ -83,43 +79,37 @@ class Polynomials(NamedTuple):
         return Polynomials(*(values[..., numbers] for values in self))
 
 
-def no_polynomials() -> Polynomials:
-    """Polynomials on no triangle at all."""
-    return Polynomials(
-        np.empty((len(monomial_basis(2, SOURCE_DEGREE).degrees), 0)), np.empty(0), np.empty((6, 0))
-    )
-
-
 def concatenate_polynomials(sets: Sequence[Polynomials]) -> Polynomials:
     """The polynomials of several sets, one set after another."""
     return Polynomials(*(np.concatenate(fields, axis=-1) for fields in zip(*sets, strict=True)))
 
 
 def enclose_ancestors(corners: Array, scale: float, f: SourceFunction) -> Polynomials:
-    """f on triangles with those corners (k, 3, 2), of a mesh of that `coordinate_scale`."""
+    """p on triangles with those corners (k, 3, 2), of a mesh of that `coordinate_scale`."""
     sets = []
     for block in row_blocks(len(corners)):
-        c, rad, ordered = enclose_triangles(corners[block], scale, f)
+        c, remainder, ordered = enclose_triangles(corners[block], scale, f)
         frame = _frame(*ordered.transpose(1, 2, 0))
-        sets.append(Polynomials(c, rad + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
+        sets.append(Polynomials(c, remainder + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
     return concatenate_polynomials(sets)
 
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
-    """The maps (6, k) from places to p's variables on triangles with these corners, in grid steps."""
-    # x = (u + v) / 2 + sigma_1 e + sigma_2 f, solved for sigma by Cramer's rule
-    e = 0.5 * (u - a)
-    f = 0.5 * (v - a)
-    scale = 1 / (ANCESTOR_GRID_STEP * (e[0] * f[1] - e[1] * f[0]))
-    return np.stack([f[1] * scale, -f[0] * scale, -e[1] * scale, e[0] * scale, *(0.5 * (u + v))])
+    """The `frame` (6, k) of triangles with the corners a, u, v (2, k), in the order for sigma."""
+    # x = (u + v) / 2 + sigma_1 d + sigma_2 e, solved for sigma by Cramer's rule
+    d = 0.5 * (u - a)
+    e = 0.5 * (v - a)
+    scale = 1 / (ANCESTOR_GRID_STEP * (d[0] * e[1] - d[1] * e[0]))
+    return np.stack([e[1] * scale, -e[0] * scale, -d[1] * scale, d[0] * scale, *(0.5 * (u + v))])
 
 
 def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32) -> tuple[Array, Array]:
     """The L2 projection f_h of p at the corners of each triangle, and the mean of (p - f_h)^2 there.
 
-    `numbers` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row
-    lie alike in those around them.
+    The triangles have the `corners` (2, 3, k), and `numbers` (k,) says which p is known on each. Where
+    refinement was uniform, triangles in a row lie alike in those around them: one matrix serves a run.
     """
+    # the corners in p's variables are exact multiples of the grid step, so that equal ones can be told
     places = np.concatenate(corner_variables(corners, polynomials.frame[:, numbers]))
     c = polynomials.c[:, numbers]
     change = np.flatnonzero((places[:, 1:] != places[:, :-1]).any(axis=0)) + 1
@@ -136,8 +126,8 @@ def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32
 
 
 def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
-    """The projections of polynomials on triangles, evaluated at points of each."""
-    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
+    """f_h (3, k) and the means of (p - f_h)^2 (k,), from p at points; `variables` (6, k) are the corners'."""
+    hats, weights = symmetric_rule(2 * SOURCE_DEGREE)  # values (q, 3) of the hats at the rule's points
     p = _evaluate_polynomials(c, hats @ variables[:3], hats @ variables[3:])
     f_h = _corner_projection_matrix() @ p
     p -= hats @ f_h
@@ -147,7 +137,7 @@ def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
 def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
     """Matrices from p's coefficients to f_h (r, 3, m), and to numbers (r, q, m), for each of r triangles.
 
-    The squares of these numbers add up to the mean of (p - f_h)^2.
+    The squares of these numbers add up to the mean of (p - f_h)^2. `variables` (6, r) are the corners'.
     """
     hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
     x = hats @ variables[:3]
@@ -161,7 +151,7 @@ def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
 
 
 def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """The exact variables of p at the corners of triangles, (3, k) each."""
+    """The exact variables of p, (3, k) each, at the `corners` (2, 3, k) of triangles; `frame` is of p."""
     xx, xy, yx, yy, *middle = frame
     x = corners[0] - middle[0]
     y = corners[1] - middle[1]
@@ -169,7 +159,7 @@ def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
 
 
 def _evaluate_polynomials(c: Array, x: Array, y: Array) -> Array:
-    """The values of polynomials at points, by Horner's scheme, (q, k)."""
+    """The values of polynomials at points, by Horner's scheme in y with coefficients by that in x, (q, k)."""
     number = {(i, j): k for k, (i, j) in enumerate(monomial_basis(2, SOURCE_DEGREE).exponents.tolist())}
     p = np.zeros_like(x)
     for j in range(SOURCE_DEGREE, -1, -1):
@@ -184,17 +174,14 @@ def _evaluate_polynomials(c: Array, x: Array, y: Array) -> Array:
 
 @cache
 def _corner_projection_matrix() -> Array:
-    """The matrix from values at the points of the rule to the L2 projection f_h at the corners, (3, q)."""
+    """The matrix (3, q) from a function at the rule's points to its L2 projection f_h at the corners."""
     hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
     # the inverse of the mass matrix (1 + delta_ij) / 12 takes moments M_i to 12 M_i - 3 sum M_j
     return np.asarray((weights[:, None] * (12 * hats - 3)).T)
 
 
 class Ancestors(NamedTuple):
-    """Polynomials; triangle t has the one with the number numbers[t], found halvings[t] halvings above it.
-
-    `numbers` and `halvings` are (m,).
-    """
+    """Polynomials; each triangle has one, with the number in `numbers` (m,), `halvings` (m,) above it."""
 
     polynomials: Polynomials
     numbers: Int32
@@ -221,6 +208,7 @@ class PieceSums:
         """
         E = math.sqrt(self.remainder_squares)
         norm = math.sqrt(self.p_squares)
+        # ||p - mean p||^2 = ||p||^2 - (int p)^2 / |Omega|
         spread = math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - E
         wanted_E = share * TARGET_REMAINDER_RATIO * relative_size * spread
         return max(wanted_E, MIN_TARGET_RATIO * (norm - E), 0.0) ** 2
@@ -230,8 +218,7 @@ def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
     """h / `length_scale`, at most 1: how much less a part of f with mean 0 counts than one of any mean.
 
     Paired with a z of the energy norm 1, k = 1, a part r with mean 0 gives at most h |z|_1 ||r||, another one
-    at most length_scale ||r||, `Form.length_scale`. h is the leg of a right isosceles triangle of the mean
-    area.
+    at most length_scale ||r||, `Form.length_scale`. h^2 is twice the mean area of triangles.
     """
     return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length_scale, 1.0)
 
@@ -247,8 +234,8 @@ class AncestorSearch:
 
     On the mesh in hand each triangle has the polynomial with the number in `numbers` (m,), found `halvings`
     (m,) halvings above it. `is_coarse` (m,) marks the triangles whose polynomial is not near enough, `is_new`
-    (m,) those whose polynomial is new. `sums` are over the triangles where p is near enough or, if
-    `sums_cover_mesh`, over all of the mesh before.
+    (m,) those that are new or whose polynomial is. `sums` are over the triangles where p is near enough or,
+    if `sums_cover_mesh`, over all of the mesh before.
     """
 
     def __init__(
@@ -264,41 +251,46 @@ class AncestorSearch:
         self.mesh = mesh
         self.f = f
         self.relative_size = relative_size
-        self.polynomials = no_polynomials()
+        n_monomials = len(monomial_basis(2, SOURCE_DEGREE).degrees)
+        self.polynomials = Polynomials(np.empty((n_monomials, 0)), np.empty(0), np.empty((6, 0)))
         self.sums = sums
         self.sums_cover_mesh = ancestors is not None
         steps = mesh.steps[len(first_mesh.steps) :]
         n = len(first_mesh.triangles)
         self.numbers, self.halvings = np.zeros((2, n), dtype=np.int32)
         self.is_coarse, self.is_new = np.ones((2, n), dtype=bool)
+        is_searched = self.is_coarse
         if ancestors:
             self.polynomials = ancestors.polynomials
             self.numbers = ancestors.numbers.copy()
             self.halvings = ancestors.halvings.copy()
-            self.is_new = ~self.is_coarse
+            self.is_new[:] = False
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
-            is_searched = self.is_coarse & (self.halvings > 0) & _find_split_triangles(steps, n)
-        else:
-            is_searched = self.is_coarse
+            # not those with a p of their own, nor those that stay whole: what is known on them is kept
+            is_split = np.isin(np.arange(n), np.concatenate([self.numbers[:0], *(s.parent for s in steps)]))
+            is_searched = self.is_coarse & (self.halvings > 0) & is_split
         self._enclose(first_mesh.triangles[is_searched], np.flatnonzero(is_searched))
-        # a triangle that was cut is searched if its ancestor is too coarse, or too many halvings above it
         for step in steps:
-            again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
-            self.numbers = step.inherit(self.numbers)
-            self.halvings = step.inherit(self.halvings)
-            self.is_coarse = step.inherit(self.is_coarse)
-            self.is_new = step.inherit(self.is_new)
-            self.halvings[step.triangles] += 1
-            self.is_new[step.triangles] = True
-            self._enclose(step.nodes[again], step.triangles[again])
+            self._search_after(step)
 
     @property
     def ancestors(self) -> Ancestors:
         """The polynomials that were found, and on which triangles of the mesh each holds."""
         return Ancestors(self.polynomials, self.numbers, self.halvings)
 
+    def _search_after(self, step: RefinementStep) -> None:
+        """Go on to the mesh after a step; search where the ancestor is not near enough, or too far above."""
+        again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
+        self.numbers = step.inherit(self.numbers)
+        self.halvings = step.inherit(self.halvings)
+        self.is_coarse = step.inherit(self.is_coarse)
+        self.is_new = step.inherit(self.is_new)
+        self.halvings[step.triangles] += 1
+        self.is_new[step.triangles] = True
+        self._enclose(step.nodes[again], step.triangles[again])
+
     def _enclose(self, nodes: Index, triangles: Index) -> None:
-        """Enclose f on the triangles with those nodes (k, 3) and the numbers `triangles` (k,)."""
+        """Enclose f on triangles of the mesh or a coarser one, with `nodes` (k, 3) and numbers (k,)."""
         if not triangles.size:
             return
         enclosed = enclose_ancestors(self.mesh.points[nodes], coordinate_scale(self.mesh), self.f)
@@ -307,9 +299,8 @@ class AncestorSearch:
         self.halvings[triangles] = 0
         self.is_new[triangles] = True
         area = signed_areas(self.mesh.points, nodes)
-        self.is_coarse[triangles] = self._exceeds_coarse_target(
-            enclosed.remainder, self._extend_sums(enclosed, area)
-        )
+        sums = self._extend_sums(enclosed, area)  # of all of f that is known, for the target is part of ||f||
+        self.is_coarse[triangles] = self._exceeds_coarse_target(enclosed.remainder, sums)
         fine = np.flatnonzero(~self.is_coarse[triangles])
         self.sums = self._extend_sums(enclosed.select(fine), area[fine])
 
@@ -320,31 +311,24 @@ class AncestorSearch:
         return self.sums + sum_pieces(polynomial_means(polynomials.c), area, area * polynomials.remainder**2)
 
     def _exceeds_coarse_target(self, remainder: Array, sums: PieceSums | None = None) -> Mask:
-        """Where a remainder would be too large if all triangles of the mesh had it, (k,)."""
+        """Where a remainder (k,) would be too large if all triangles of the mesh had it, (k,)."""
         target = (sums or self.sums).target(self.relative_size, COARSE_TARGET_SHARE)
         return np.asarray(remainder**2 * float(self.mesh.areas.sum()) > 0.5 * target)
 
     def find_coarse_triangles(self) -> Mask:
         """The triangles of the mesh on which the remainder is too large for the target, (m,).
 
-        Half of what is wanted is shared out among the triangles by area, the other half equally.
+        Half of what is wanted is shared out among the triangles, one half of it by area, the other equally;
+        pieces of triangles that are cut (`source`) share the rest. New triangles near enough go to the sums.
         """
         area = self.mesh.areas
         n = len(self.mesh.triangles)
-        rad = self.polynomials.remainder[self.numbers]
+        remainder = self.polynomials.remainder[self.numbers]
         candidates = np.flatnonzero(self.is_coarse & self.is_new)
         polynomials = self.polynomials.select(self.numbers[candidates])
         target = self._extend_sums(polynomials, area[candidates]).target(self.relative_size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
-        is_coarse = self.is_coarse & (area * rad**2 > 0.5 * target * share)
+        is_coarse = self.is_coarse & (area * remainder**2 > 0.5 * target * share)
         fine = candidates[~is_coarse[candidates]]
         self.sums = self._extend_sums(self.polynomials.select(self.numbers[fine]), area[fine])
         return np.asarray(is_coarse)
-
-
-def _find_split_triangles(steps: Sequence[RefinementStep], n: int) -> Mask:
-    """Which of the first n triangles the steps of refinement cut, (n,)."""
-    cut = np.zeros(n, dtype=bool)
-    for step in steps:
-        cut[step.parent[step.parent < n]] = True
-    return cut

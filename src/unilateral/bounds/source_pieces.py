@@ -61,6 +61,23 @@ class TrianglePieces(NamedTuple):
         return self._replace(c=self.c[:, selection], **fields)
 
 
+class Steps(NamedTuple):
+    """The value (k,) of every step `at_centroid` of each piece; NaN if the piece is large and may have both.
+
+    `wrong_areas` (k,) are those of the parts beyond the curve, where the step has the other value, up to
+    `step_area_rounding`. They are NaN for pieces that the curve is not near, and where the value is NaN.
+    """
+
+    at_centroid: dict[Primitive, Array]
+    wrong_areas: dict[Primitive, Array]
+
+    @property
+    def widened(self) -> dict[Primitive, Array]:
+        """The steps with both values, NaN, on all pieces near their curves."""
+        is_far = {step: np.isnan(area) for step, area in self.wrong_areas.items()}
+        return {step: np.where(is_far[step], value, np.nan) for step, value in self.at_centroid.items()}
+
+
 def coordinate_scale(mesh: Mesh) -> float:
     """VERTEX_ROUNDING times this is at least the rounding of coordinates and the nodes' shifts together."""
     return float(np.abs(mesh.polygon.vertices).max() + mesh.node_shifts.max() / VERTEX_ROUNDING)
@@ -71,7 +88,7 @@ def piece_areas(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return area_shares(corners) * mesh.areas[parent]
 
 
-def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction) -> Array:
+def attainable_squares(mesh: Mesh, corners: Array, parent: Index, f: SourceFunction) -> Array:
     """The E^2 that each piece would have if f were known on all of it as well as in its middle, (k,).
 
     Smaller pieces would be in vain.
@@ -80,26 +97,21 @@ def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_functio
     remainders = []
     size = coordinate_scale(mesh)
     for block in row_blocks(len(parent)):
-        vertices = np.repeat(middle[block], 3, axis=1)
-        remainders.append(
-            _remainder_bound(
-                _taylor_model(
-                    vertices, size, source_function, step_values(vertices, source_function.jumps, size)[0]
-                )
-            )
-        )
+        vertices = np.repeat(middle[block], 3, axis=1)  # a piece that is shrunk to its middle
+        steps = step_values(vertices, f.jumps, size)
+        remainders.append(_remainder_bound(_taylor_model(vertices, size, f, steps.at_centroid)))
     return piece_areas(mesh, corners, parent) * np.concatenate([np.zeros(0), *remainders]) ** 2
 
 
 def enclose_pieces(
-    mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
+    mesh: Mesh, corners: Array, parent: Index, f: SourceFunction
 ) -> tuple[TrianglePieces, Index]:
-    """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
+    """p on pieces with `corners` in triangles `parent`, cut at jumps; the piece that each is a part of."""
     pieces = []
     owners = []
     for block in row_blocks(len(parent)):
-        split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], source_function.jumps)
-        pieces.append(enclose_block(mesh, split_corners, parent[block][owner], source_function))
+        split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], f.jumps)
+        pieces.append(enclose_block(mesh, split_corners, parent[block][owner], f))
         owners.append(owner + block.start)
     # c has the pieces on its last axis, the other fields on the first
     c, *fields = zip(*pieces, strict=True)
@@ -108,77 +120,74 @@ def enclose_pieces(
 
 
 def widen_areas(area: Array, perimeter: Array, scale: float) -> Array:
-    """The areas of pieces plus what may lie between them, (k,)."""
+    """The areas (k,) of pieces plus gaps along their perimeters, for coordinates of that `scale`."""
     return area + MAX_GAP_WIDTH * EPS * scale * perimeter
 
 
-def enclose_triangles(
-    vertices: Array, scale: float, source_function: SourceFunction
-) -> tuple[Array, Array, Array]:
-    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in the order for sigma.
-
-    A step has both its values on a triangle that its curve may cross.
-    """
+def enclose_triangles(vertices: Array, scale: float, f: SourceFunction) -> tuple[Array, Array, Array]:
+    """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in order for sigma."""
     order, _ = _order_corners(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
-    steps, wrong_areas = step_values(vertices, source_function.jumps, scale)
-    certain_steps = {
-        step: np.where(np.isnan(wrong_areas[step]), value, np.nan) for step, value in steps.items()
-    }
-    f = _taylor_model(vertices, scale, source_function, certain_steps)
-    return f.c, _remainder_bound(f), vertices
+    steps = step_values(vertices, f.jumps, scale)
+    # these triangles are not cut: a step has both its values where its curve may cross
+    model = _taylor_model(vertices, scale, f, steps.widened)
+    return model.c, _remainder_bound(model), vertices
 
 
-def enclose_block(
-    mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction
-) -> TrianglePieces:
+def enclose_block(mesh: Mesh, corners: Array, parent: Index, f: SourceFunction) -> TrianglePieces:
     """p on a block of pieces, and bounds on f - p, jumps included."""
     vertices = corners @ mesh.points[mesh.triangles[parent]]
     order, perimeter = _order_corners(vertices)
     corners = np.take_along_axis(corners, order[..., None], axis=1)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     size = coordinate_scale(mesh)
-    steps, wrong_areas = step_values(vertices, source_function.jumps, size)
-    f = _taylor_model(vertices, size, source_function, steps)
+    steps = step_values(vertices, f.jumps, size)
+    model = _taylor_model(vertices, size, f, steps.at_centroid)
     area = piece_areas(mesh, corners, parent)
     outer = widen_areas(area, perimeter, size)
     pieces = TrianglePieces(
-        c=f.c,
+        c=model.c,
         corners=corners,
         parent=parent,
         area=area,
         outer_area=outer,
-        remainder_squares=outer * _remainder_bound(f) ** 2,
+        remainder_squares=outer * _remainder_bound(model) ** 2,
         jump_norm=np.zeros(len(parent)),
         jump_integral=np.zeros(len(parent)),
     )
+    _add_jumps(pieces, vertices, size, f, model, steps)
+    return pieces
+
+
+def _add_jumps(
+    pieces: TrianglePieces, vertices: Array, scale: float, f: SourceFunction, model: TaylorModel, steps: Steps
+) -> None:
+    """Account for jumps on pieces, in place; `model` has p, with the values of `steps` on most of each."""
     # between a chord and its arc f has the other value of the step, and is larger by the jump
-    near = {step: ~np.isnan(wrong_area) for step, wrong_area in wrong_areas.items()}
+    near = {step: ~np.isnan(wrong_area) for step, wrong_area in steps.wrong_areas.items()}
     for step, is_near in near.items():
-        near_steps = {other_step: value[is_near] for other_step, value in steps.items()}
-        other_steps = near_steps | {step: 1 - near_steps[step]}
-        f_beyond = _taylor_model(vertices[is_near], size, source_function, other_steps)
+        near_values = {other_step: value[is_near] for other_step, value in steps.at_centroid.items()}
+        near_values[step] = 1 - near_values[step]
+        model_beyond = _taylor_model(vertices[is_near], scale, f, near_values)
         _add_jump(
             pieces,
             is_near,
-            jump=f_beyond + f.select_boxes(is_near).scale(-1.0),
-            wrong_area=wrong_areas[step][is_near],
-            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], size),
+            jump=model_beyond + model.select_boxes(is_near).scale(-1.0),
+            wrong_area=steps.wrong_areas[step][is_near],
+            area_error=step_area_rounding(vertices[is_near], f.jumps[step], scale),
         )
     is_crossed = np.sum([*near.values()], axis=0) > 1
     if is_crossed.any():
-        _add_crossing_jumps(
-            pieces, is_crossed, vertices[is_crossed], size, source_function, steps, wrong_areas
-        )
-    return pieces
+        _add_crossing_jumps(pieces, is_crossed, vertices, scale, f, steps)
 
 
 def _add_jump(
     pieces: TrianglePieces, selection: Mask, jump: TaylorModel, wrong_area: Array, area_error: Array
 ) -> None:
-    """Account for the parts of some pieces on which f is larger by a jump, in place.
+    """Account for the parts of the pieces `selection` on which f is larger by a `jump`, in place.
 
-    The areas are known up to `area_error` (k,). p is changed by a constant so that its integral is that of f.
+    Their areas are `wrong_area` (k,) up to `area_error` (k,). p is raised by a constant, so that its integral
+    is that of f.
     """
     # where f has no range on all of a piece, as 1/a where a may be 0, nothing is known of it there
     is_bounded = np.isfinite(jump.range[0]) & np.isfinite(jump.range[1])
@@ -189,6 +198,7 @@ def _add_jump(
     # p + shift has the integral of f, if the jump is its middle value and the area is right
     shift = jump_mean * wrong_area / area
     pieces.c[0, selection] += shift
+    # ||jump|| on the part and ||shift|| on the piece; the integral is off by what jump and area are off
     jump_norm = largest * np.sqrt(wrong_area + area_error) + np.abs(shift) * np.sqrt(area)
     integral = 0.5 * (upper - lower) * wrong_area + largest * area_error
     pieces.jump_norm[selection] += np.where(is_bounded, jump_norm, np.inf)
@@ -196,30 +206,19 @@ def _add_jump(
 
 
 def _add_crossing_jumps(
-    pieces: TrianglePieces,
-    selection: Mask,
-    vertices: Array,
-    scale: float,
-    source_function: SourceFunction,
-    steps: StepValues,
-    wrong_areas: StepValues,
+    pieces: TrianglePieces, selection: Mask, vertices: Array, scale: float, f: SourceFunction, steps: Steps
 ) -> None:
-    """Account for places where several steps are wrong at once.
-
-    f is off there by no more than all its values on the piece differ.
-    """
-    certain_steps = {
-        step: np.where(np.isnan(wrong_areas[step][selection]), value[selection], np.nan)
-        for step, value in steps.items()
-    }
-    lower, upper = _taylor_model(vertices, scale, source_function, certain_steps).range
-    area_errors = [step_area_rounding(vertices, kink, scale) for kink in source_function.jumps.values()]
+    """Account for places, on the pieces `selection`, where several steps are wrong at once, in place."""
+    vertices = vertices[selection]
+    widened = {step: value[selection] for step, value in steps.widened.items()}
+    lower, upper = _taylor_model(vertices, scale, f, widened).range
     areas = [
-        np.nan_to_num(wrong_areas[step][selection]) + area_error
-        for step, area_error in zip(wrong_areas, area_errors, strict=True)
+        np.nan_to_num(steps.wrong_areas[step][selection]) + step_area_rounding(vertices, kink, scale)
+        for step, kink in f.jumps.items()
     ]
-    # two steps are wrong at once on at most the second largest area, for each of the steps
+    # one of two steps that are wrong at once has at most the second largest area
     second = np.sort(areas, axis=0)[-2]
+    # f is off by at most upper - lower there, and so is the jump that `_add_jump` allowed for of each step
     largest = (1 + len(areas)) * (upper - lower)
     pieces.jump_norm[selection] += largest * np.sqrt(len(areas) * second)
     pieces.jump_integral[selection] += largest * len(areas) * second
@@ -231,26 +230,19 @@ def _order_corners(vertices: Array) -> tuple[Index, Array]:
     return (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3, lengths.sum(axis=1)
 
 
-def _taylor_model(
-    vertices: Array, scale: float, source_function: SourceFunction, steps: StepValues
-) -> TaylorModel:
-    """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`."""
+def _taylor_model(vertices: Array, scale: float, f: SourceFunction, steps: StepValues) -> TaylorModel:
+    """f on pieces (k, 3, 2) with rounded coordinates of that `scale`; NaN in `steps` means both values."""
     places = []
+    basis = monomial_basis(2, SOURCE_DEGREE)
     rounding = VERTEX_ROUNDING * scale
     for values in np.moveaxis(vertices, 2, 0):
         a, b, c = values.T
         ends = values.min(axis=1) - rounding, values.max(axis=1) + rounding
-        places.append(
-            affine_model(
-                monomial_basis(2, SOURCE_DEGREE),
-                0.5 * (b + c),
-                0.5 * np.stack([b - a, c - a]),
-                ends,
-                rounding,
-            )
-        )
+        # (b + c) / 2 + sigma_1 (b - a) / 2 + sigma_2 (c - a) / 2 is a at (-1, -1), b at (1, -1), c at (-1, 1)
+        half_widths = 0.5 * np.stack([b - a, c - a])
+        places.append(affine_model(basis, 0.5 * (b + c), half_widths, ends, rounding))
     x, y = places
-    return source_function.model(x, y, steps)
+    return f.model(x, y, steps)
 
 
 def _remainder_bound(model: TaylorModel) -> Array:
@@ -276,14 +268,15 @@ def split_at_jumps(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> t
 
 
 def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
-    """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
-    above = level[crossed] >= 0
+    """The pieces and the `owner` of each; where `crossed` by {level = 0} they are cut in three by a chord."""
     s = level[crossed]
+    above = s >= 0
+    # the corner that lies alone on one side of the curve: above if one is, below if two are above
     apex = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     order = (apex[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
     s = np.take_along_axis(s, order, axis=1)
-    # the signed distance s is 0 at p and q, on the edges at a, which lies alone on one side
+    # the signed distance s, taken for linear along edges, is 0 at p and q
     p = a + (s[:, :1] / (s[:, :1] - s[:, [1]])) * (b - a)
     q = a + (s[:, :1] / (s[:, :1] - s[:, [2]])) * (c - a)
     thirds = np.concatenate(
@@ -295,36 +288,32 @@ def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) 
 
 
 def area_shares(corners: Array) -> Array:
-    """The areas of pieces, over those of their triangles, (k,)."""
+    """The areas of pieces over those of their triangles, (k,), from barycentric `corners` (k, 3, 3)."""
     b = (corners[:, 1] - corners[:, 0])[:, 1:]
     c = (corners[:, 2] - corners[:, 0])[:, 1:]
     return np.abs(cross(b, c))
 
 
-def step_values(
-    vertices: Array, jumps: Jumps, scale: float
-) -> tuple[dict[Primitive, Array], dict[Primitive, Array]]:
-    """The value (k,) of every step on pieces, and the area (k,) on which it has the other value.
-
-    The pieces have those vertices (k, 3, 2), computed from coordinates of that `scale`. A value is NaN where
-    the step may have both. The area is that of the part on the other side of the curve than the centroid, up
-    to `step_area_rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
-    """
-    steps = {}
+def step_values(vertices: Array, jumps: Jumps, scale: float) -> Steps:
+    """The `Steps` on pieces with those vertices (k, 3, 2), computed from coordinates of that `scale`."""
+    at_centroid = {}
     wrong_areas = {}
     centre = vertices.mean(axis=1)
     for step, kink in jumps.items():
         level = kink.signed_distances(centre)
+        # no point of a piece is farther from the centroid than the diameter
         reach = _diameter(vertices) + 64 * EPS * _level_scale(scale, kink)
         near = np.abs(level) <= reach
         small = _is_small(vertices, kink)
-        steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
-        area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
+        at_centroid[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
+        # a step is 1 where sign times the level is positive, and the level is negative inside a circle
+        area = _wrong_area(vertices, kink, at_centroid[step] != (kink.sign > 0))
         wrong_areas[step] = np.where(near & small, area, np.nan)
-    return steps, wrong_areas
+    return Steps(at_centroid, wrong_areas)
 
 
 def _is_small(vertices: Array, kink: Kink) -> Mask:
+    """Whether pieces are small against a circle; against a line all are."""
     return _diameter(vertices) <= (MAX_DIAMETER_PER_RADIUS * kink.radius or np.inf)
 
 

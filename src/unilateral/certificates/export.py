@@ -61,7 +61,7 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     """The function, flux and trace on which the cheap bound of a solution rests.
 
     If c is 0 or small, the flux is balanced: a checker multiplies the mean of f + div p - c v on triangles by
-    a constant that is less sharp than the program's. It is what the iteration left of the discrete equations.
+    a constant that is less sharp than the program's. That mean is what the iteration left of the equations.
     """
     bound = solved.local_bound
     flux = solved.flux
@@ -72,15 +72,17 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     mesh = solved.mesh
     form = solved.form
     field = None
+    # of k^{-1/2} C_F and c^{-1/2} a checker takes the smaller one; the field is for C_F
     if form.c * form.friedrichs**2 < form.k:
         load_means = data.source.moments().sum(axis=1) / mesh.areas
         v_means = solved.u_h[mesh.triangles].mean(axis=1)
-        # f + div p - c v has the mean 0 on triangles after this
+        # the flux that is added has the divergence -surplus: f + div p - c v has the mean 0 on triangles then
         surplus = load_means - form.c * v_means + divergence(mesh, flux)
         flux = flux + poisson_flux(mesh, form.clamped, surplus)
         field = friedrichs_field(mesh, form.clamped)
-    raised = solved.u_h[mesh.boundary] + bound.lift[0]
-    bubbles = bound.lift[1]
+    # the lift y has nodal values, and at midpoints the values of its bubbles more
+    nodal, bubbles = bound.lift
+    raised = solved.u_h[mesh.boundary] + nodal
     trace = np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
     return JudgedFunction(mesh, solved.u_h, flux, trace, field)
 
@@ -93,10 +95,11 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
     statement = state_problem(problem)
     mesh = judged.mesh
     polygon = mesh.polygon
+    # the file has the boundary nodes first: `order` are the nodes in its order, `number` is its inverse
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     order = np.append(mesh.boundary, inside)
     number = np.argsort(order)
-    # The part of its side that lies before each boundary node
+    # the part of its side that lies before each boundary node
     along = (mesh.s[:-1] - polygon.starts[mesh.side]) / polygon.lengths[mesh.side]
     places = np.rint(along * 2.0**PLACE_BITS) / 2.0**PLACE_BITS
     contact = np.flatnonzero(~np.isin(mesh.side, problem.free_sides + problem.clamped_sides))
@@ -120,19 +123,19 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
 def round_to_grid(values: Array, bits: int, rounding: np.ufunc = np.rint) -> Array:
     """Values rounded to multiples of 2^-bits times a power of 2 that is above all of them."""
     exponent = int(np.frexp(np.abs(values).max(initial=0.0))[1]) - bits
-    return np.asarray(np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)) + 0.0
+    rounded = np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)
+    return np.asarray(rounded) + 0.0  # -0.0 becomes 0.0
 
 
 def edge_values(mesh: Mesh, flux: Array, positive_edges: Index | tuple[()] = ()) -> Array:
-    """p.n times the length at both ends of edges (E, 2), in the order in which triangles mention them first.
+    """p.n times the length at both ends of edges, (E, 2), in the order in which triangles mention them first.
 
     n points out of the triangle that mentions the edge first. On the boundary edges `positive_edges` (k,) the
     values are cut off at 0.
     """
     edges, first = np.unique(mesh.opposite_edges.ravel(), return_index=True)
-    outflow = -np.stack([at_end.T.ravel() for at_end in triangle_inflows(mesh, flux, slice(None))], axis=1)[
-        first
-    ]
+    inflows = [at_end.T.ravel()[first] for at_end in triangle_inflows(mesh, flux, slice(None))]
+    outflow = -np.stack(inflows, axis=1)
     cut = np.isin(edges, mesh.triangulation.boundary_edges[np.array(positive_edges, dtype=np.intp)])
     outflow[cut] = np.maximum(outflow[cut], 0.0)
     return outflow[np.argsort(first)]
@@ -141,8 +144,9 @@ def edge_values(mesh: Mesh, flux: Array, positive_edges: Index | tuple[()] = ())
 def raise_trace(problem: Problem, judged: JudgedFunction, places: Array, contact: Index) -> Array:
     """v + y (2 nb,), raised to g on the boundary edges in `contact` (k,), which begin at the `places` (nb,).
 
-    With the coefficients low, bend, high in Bernstein's basis v + y - g is >= 0 if low, high >= 0 and bend >=
-    -(low high)^(1/2). On clamped sides the trace is u_D up to rounding, and the checker takes u_D itself.
+    A quadratic function with the coefficients low, bend, high in Bernstein's basis is >= 0 if low, high >= 0
+    and bend >= -(low high)^(1/2): v + y - g for an upper bound on g is one on each edge. On clamped sides the
+    trace is u_D up to rounding, and the checker takes u_D itself.
     """
     if contact.size == 0:
         return round_to_grid(judged.trace, VALUE_BITS)
@@ -154,16 +158,13 @@ def raise_trace(problem: Problem, judged: JudgedFunction, places: Array, contact
     nodes, middles = np.split(judged.trace.copy(), 2)
     np.maximum.at(nodes, contact, g_first)
     np.maximum.at(nodes, after, g_last)
-    w_first = nodes[contact]
-    w_last = nodes[after]
-    sizes = np.abs(w_first) + np.abs(w_last) + np.abs(g_bend)
-    # v + y - g >= 0 in Bernstein's basis: bend >= -(low high)^{1/2}
-    low = np.maximum(w_first - g_first - VALUE_ROUNDING * sizes, 0.0)
-    high = np.maximum(w_last - g_last - VALUE_ROUNDING * sizes, 0.0)
-    # bend = 2 (v + y at the midpoint) - (w_first + w_last) / 2 - g_bend
-    middle_lower = (
-        0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + VALUE_ROUNDING * sizes
-    )
+    first = nodes[contact]
+    last = nodes[after]
+    margin = VALUE_ROUNDING * (np.abs(first) + np.abs(last) + np.abs(g_bend))
+    low = np.maximum(first - g_first - margin, 0.0)
+    high = np.maximum(last - g_last - margin, 0.0)
+    # bend = 2 (v + y at the midpoint) - (first + last) / 2 - g_bend
+    middle_lower = 0.25 * (first + last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + margin
     middles[contact] = np.maximum(middles[contact], middle_lower)
     return round_to_grid(np.append(nodes, middles), VALUE_BITS, np.ceil)
 
@@ -177,7 +178,7 @@ def obstacle_bounds(problem: Problem, side: Index, start: Array, end: Array) -> 
     """
     pieces = enclose_on_intervals(problem.obstacle_model, side, start, end)
     k = np.arange(PIECE_DEGREE + 1.0)
-    # The derivatives of (2 t - 1)^k; a checker encloses them by intervals, and so less sharply
+    # the third derivatives of (2 t - 1)^k; a checker encloses them by intervals, and so less sharply
     M = THIRD_DERIVATIVE_RATIO * 8 * (k * (k - 1) * (k - 2) * 2 ** (k - 3)) @ np.abs(pieces.c)
     first = POWERS_AT_MINUS_ONE @ pieces.c
     last = pieces.c.sum(axis=0)
@@ -190,7 +191,7 @@ def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
     """A field b with div b >= 1, and b.n = 0 on sides that are not clamped, by its flows and tilts (2, E)."""
     field = poisson_flux(mesh, clamped, -np.ones(len(mesh.triangles)))
     field[1] = 0.0  # one value on each edge, with the same divergence
-    # Areas of the exact mesh differ by the distortion, with a second one for the rounding of places
+    # areas of the exact mesh differ by the distortion, with a second one for the rounding of places
     margin = 1 + DIVERGENCE_ALLOWANCE + 2 * float(mesh.distortion.max())
     return field * (margin / divergence(mesh, field).min())
 
@@ -198,7 +199,7 @@ def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
 def poisson_flux(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
     """The flux of the phi with -lap phi = f, by its flows and tilts (2, E); its divergence is -f.
 
-    f is constant on triangles. phi is 0 on the clamped sides, and the flux through all others is 0.
+    f (m,) is constant on triangles. phi is 0 on the clamped sides, and the flux through all others is 0.
     """
     form = Form(c=0.0, clamped=clamped)
     fixed = form.clamped_nodes(mesh)
@@ -219,7 +220,7 @@ def divergence(mesh: Mesh, flux: Array) -> Array:
 
 
 def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Writes a certificate, compressed if the name ends in .gz."""
+    """Write a certificate, compressed if the name ends in .gz."""
     text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)

@@ -40,7 +40,7 @@ def state_problem(problem: Problem) -> dict[str, Any]:
         kind = "clamped" if side in problem.clamped_sides else "contact"
         kind = "free" if side in problem.free_sides else kind
         place = f"{name}, field {CONDITION_FIELDS[kind]}[{side}]"
-        data = problem.q if kind == "free" else problem.g
+        data = problem.q if kind == "free" else problem.g  # g is u_D on clamped sides
         is_exact = partial(_is_quadratic, start, vertices[(side + 1) % len(vertices)])
         function = _state_function(data[side] if data else ZERO, place, is_exact)
         if kind == "clamped" and isinstance(function, str):
@@ -90,14 +90,10 @@ def _state_function(formula: object, where: str, is_exact: Callable[[Terms], boo
         polynomial = None
     items = sorted((polynomial or {}).items())
     terms = [(i, j, c.rational) for (i, j), c in items if c.rational is not None]
-    if (
-        polynomial is None
-        or len(terms) < len(items)
-        or _degree(terms) > MAX_STATED_DEGREE
-        or not is_exact(terms)
-    ):
-        return str(formula)
-    return [[i, j, str(c)] for i, j, c in terms]
+    is_polynomial = polynomial is not None and len(terms) == len(items)
+    if is_polynomial and _degree(terms) <= MAX_STATED_DEGREE and is_exact(terms):
+        return [[i, j, str(c)] for i, j, c in terms]
+    return str(formula)
 
 
 def _degree(terms: Terms) -> int:
@@ -105,7 +101,7 @@ def _degree(terms: Terms) -> int:
 
 
 def _is_quadratic(start: Point, end: Point, terms: Terms) -> bool:
-    """Whether a polynomial is quadratic along a side, which means that its third differences are 0 there."""
+    """Whether a polynomial is quadratic along a side: its third differences are 0 there."""
     x, y = start
     dx = end[0] - start[0]
     dy = end[1] - start[1]
