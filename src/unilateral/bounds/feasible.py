@@ -34,6 +34,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import NormalFlux
 from unilateral.bounds.constraint import BERNSTEIN_ROUNDING, Constraint, bernstein_bounds
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.fem.form import Form
 from unilateral.fem.p2 import BoundaryLayer, boundary_layer
 from unilateral.geometry.mesh import Mesh
@@ -219,6 +220,31 @@ def find_contact(constraint: Constraint, trace: Array, contact_scale: Array) -> 
     return trace - constraint.p_at_unknowns < CONTACT_GAP_RATIO * largest
 
 
+class Lift(NamedTuple):
+    """y, which makes a function feasible: hats and bubbles, extensions w, and hats for the remainder of g.
+
+    `nodal` and `bubbles` (nb,) are the coefficients of the first part at boundary nodes and edges. Of the
+    other two only norms are known: that of w by `shortfall`, and that of the hats, squared, by triangles of
+    the layer, `remainder_squares` (k,). Underflow takes at most `underflow` from a norm.
+    """
+
+    nodal: Array
+    bubbles: Array
+    shortfall: Shortfall
+    remainder_squares: Array
+    underflow: float
+
+    @property
+    def remainder_norm(self) -> float:
+        """A bound on the energy norm of the hats for the remainder of g."""
+        return math.sqrt(float(self.remainder_squares.sum()))
+
+    @property
+    def missing_norm(self) -> float:
+        """A bound on the energy norm of what y is beside its hats and bubbles."""
+        return (1 + SQUARES_ROUNDING) * (self.shortfall.extension_norm + self.remainder_norm) + self.underflow
+
+
 class Lifting(NamedTuple):
     """What makes a function of P2 feasible on the boundary.
 
@@ -236,8 +262,8 @@ class Lifting(NamedTuple):
         before = _p2_trace(nodal, np.zeros_like(nodal))
         return _p2_coefficients(np.where(self.contact, self.constraint.p_at_unknowns - before, 0.0))
 
-    def make_feasible(self, nodal: Array, bubbles: Array) -> tuple[Array, Array, Shortfall]:
-        """The hats and bubbles (nb,) to add to these to be feasible, and the shortfall that is left then."""
+    def make_feasible(self, nodal: Array, bubbles: Array) -> Lift:
+        """The lift to add to a function with these hats and bubbles (nb,) on the boundary to be feasible."""
         before = _p2_trace(nodal, bubbles)
         v, contact_edges = raise_to_obstacle(
             self.constraint,
@@ -248,7 +274,12 @@ class Lifting(NamedTuple):
             bubble_square_norms=self.layer.bubble_square_norms(self.form),
         )
         shortfall = bound_shortfall(self.constraint, self.form, v, contact_edges, self.sigma)
-        return *_p2_coefficients(v - before), shortfall
+        return Lift(
+            *_p2_coefficients(v - before),
+            shortfall=shortfall,
+            remainder_squares=self.remainder_squares(shortfall),
+            underflow=underflow_allowance(self.layer.mesh, self.form),
+        )
 
     def remainder_squares(self, shortfall: Shortfall) -> Array:
         """Bounds (k,) on the squared energy norms, by triangles of the layer, of what the remainder adds."""

@@ -23,22 +23,23 @@ of the polygon itself. What that changes of differences is added like rounding, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import build_normal_flux
+from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux
 from unilateral.bounds.clamped_ends import ClampedEnds, find_clamped_ends, no_clamped_ends, outflows
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.equilibrated_flux import equilibrate_flux
-from unilateral.bounds.feasible import build_lifting
+from unilateral.bounds.feasible import Lift, build_lifting
 from unilateral.bounds.flux_residuals import add_lift_to_residual, residual_parts
-from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import bound_residual, bound_total_errors
+from unilateral.bounds.total_errors import ResidualBounds, TotalErrors, bound_residual, bound_total_errors
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
+from unilateral.fem.p2 import BoundaryLayer
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -109,64 +110,94 @@ def local_bound(
     such a side.
     """
     mesh = data.mesh
-    source = data.source
     tau = data.given_flux
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
-    flux = build_normal_flux(mesh, partition, lambda_H, w, form)
-    q = equilibrate_source(source, w, flux.end_values + tau.end_values, form)
 
-    # y, and what is missing of u_h + y >= g; D = ||y||, B = <sigma, u_h + y - g> (S8.1)
-    lift = build_lifting(data.constraint, form, u_h, flux)
-    layer = lift.layer
-    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    hats, bubbles = layer.function(nodal, edge_bubbles)
-    y_squares = layer.square_norms(form, hats, bubbles)
-    raise_squares = lift.remainder_squares(shortfall)
-    raise_norm = math.sqrt(float(raise_squares.sum()))
-    underflow = underflow_allowance(mesh, form)
-    missing_norm = (1 + SQUARES_ROUNDING) * (shortfall.extension_norm + raise_norm) + underflow
-    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + missing_norm
+    # sigma near lambda_H, and q with q.n = sigma on sides with contact, q.n = tau~ on free ones (S8.1)
+    sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
+    q = equilibrate_source(data.source, w, sigma.end_values + tau.end_values, form)
 
-    # S of the residuals of u_h and of the feasible v = u_h + y (Lemma S18); tau~ leaves tau_error of p
-    tau_error = tau.projection_error(mesh, form)
-    residual = residual_parts(source, tau, u_h, q, form)
-    u_residual = bound_residual(residual, tau_error, shortfall.complementarity)
-    shares = residual.shares()
-    add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
-    v_residual = bound_residual(residual, missing_norm + tau_error, shortfall.complementarity)
-    # Theorem 8 (Proposition S14)
+    # y with u_h + y >= g, D = |||y|||; B = <sigma, u_h + y - g> is its `complementarity`
+    lifting = build_lifting(data.constraint, form, u_h, sigma)
+    y = lifting.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    y_squares = lifting.layer.square_norms(form, *lifting.layer.function(y.nodal, y.bubbles))
+    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + y.missing_norm
+
+    # S of u_h and of the feasible v = u_h + y (Lemma S18), and Theorem 8 (Proposition S14)
+    u_residual, v_residual, S_shares = _bound_residuals(data, u_h, q, lifting.layer, y, form)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,
         u_residual,
         v_residual,
         D=D,
         D_clamped=D,
-        sigma_distance=flux.multiplier_distance(mesh, form),
+        sigma_distance=sigma.multiplier_distance(mesh, form),
     )
 
-    # v at the boundary nodes may be below u_h where u_h is above u_D
+    # a lower bound on v at nodes, for on clamped sides y is negative where u_h is above u_D
     v_lower = u_h.copy()
-    v_lower[mesh.boundary] += np.minimum(nodal, 0.0)
-    clamped_ends = find_clamped_ends(mesh, form, lift, v_lower, flux, errors.gamma_force_bound)
+    v_lower[mesh.boundary] += np.minimum(y.nodal, 0.0)
+    return replace(
+        collect_bounds(data, form, errors, D, y.remainder_norm, outflows(mesh, form, q)),
+        shares=_add_lift_shares(S_shares, lifting.layer, y_squares, y, tau, form),
+        lift=np.stack([y.nodal, y.bubbles]),
+        clamped_ends=find_clamped_ends(mesh, form, lifting, v_lower, sigma, errors.gamma_force_bound),
+    )
 
-    # the part of the bounds that is 0 for polynomial data, and the triangles' parts of S^2 + 2 B + D^2
-    remainder = raise_norm + tau.remainder_dual_norm(mesh, form)
-    shares[layer.triangles] += y_squares + raise_squares
-    edge_shares = shortfall.extension_squares + 2 * shortfall.edge_complementarity + tau.shares(mesh, form)
+
+def _bound_residuals(
+    data: EnclosedData, u_h: Array, q: Array, layer: BoundaryLayer, y: Lift, form: Form
+) -> tuple[ResidualBounds, ResidualBounds, Array]:
+    """The bounds on the residuals of u_h and of v = u_h + y with q, and u_h's S^2 by triangles, (m,)."""
+    source = data.source
+    tau = data.given_flux
+    B = y.shortfall.complementarity
+    # what tau~ leaves of the given flux; its dual norm is added to S
+    tau_error = tau.projection_error(data.mesh, form)
+    residual = residual_parts(source, tau, u_h, q, form)
+    u_residual = bound_residual(residual, tau_error, B)
+    S_shares = residual.shares()
+    # of v the hats and bubbles of y enter the residual, the norm of what else is in y is added to S
+    hats, bubbles = layer.function(y.nodal, y.bubbles)
+    add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
+    v_residual = bound_residual(residual, y.missing_norm + tau_error, B)
+    return u_residual, v_residual, S_shares
+
+
+def _add_lift_shares(
+    S_shares: Array, layer: BoundaryLayer, y_squares: Array, y: Lift, tau: GivenEdgeFlux, form: Form
+) -> Array:
+    """The triangles' parts (m,) of S^2 + 2 B + D^2, from those of S^2 and the squared norms of y.
+
+    D is the sum of the norms of the three parts of y; here their squares are added, at least a third of D^2.
+    """
+    mesh = layer.mesh
+    shares = S_shares.copy()
+    shares[layer.triangles] += y_squares + y.remainder_squares
+    complementarity = 2 * y.shortfall.edge_complementarity
+    edge_shares = y.shortfall.extension_squares + complementarity + tau.shares(mesh, form)
     np.add.at(shares, mesh.boundary_triangles, edge_shares)
+    return shares
+
+
+def collect_bounds(
+    data: EnclosedData, form: Form, errors: TotalErrors, D: float, remainder_norm: float, outflows: Array
+) -> Bound:
+    """The Bound of these total errors; `remainder_norm` is that of the hats for the remainder of g."""
+    # what g and tau leave, and what f leaves times W, where ||z||_0 <= W |||z|||
+    remainder = remainder_norm + data.given_flux.remainder_dual_norm(data.mesh, form)
+    W = form.value_constant
     return Bound(
         u=errors.u,
-        lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
+        # without a side for contact lambda is 0
+        lambda_=errors.lambda_ if form.has_multiplier(data.mesh.side).any() else 0.0,
         lift_norm=D,
-        data_remainder=form.value_constant * source.remainder_norm + remainder,
-        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
-        outflows=outflows(mesh, form, q),
+        data_remainder=W * data.source.remainder_norm + remainder,
+        irreducible_remainder=remainder + W * data.source.irreducible_remainder,
+        outflows=outflows,
         reaction_bound=errors.reaction_bound,
         eta=errors.eta,
-        shares=shares,
-        lift=np.stack([nodal, edge_bubbles]),
-        clamped_ends=clamped_ends,
     )
 
 

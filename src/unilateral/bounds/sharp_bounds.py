@@ -43,7 +43,7 @@ from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux, no
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.equilibrated_flux import triangle_inflows
-from unilateral.bounds.feasible import Lifting, build_lifting
+from unilateral.bounds.feasible import Lift, Lifting, build_lifting
 from unilateral.bounds.flux_residuals import (
     SUM_ROUNDING,
     add_given_flux_remainder,
@@ -52,8 +52,13 @@ from unilateral.bounds.flux_residuals import (
     rounding_allowances,
     stretched_divergence,
 )
-from unilateral.bounds.local_bounds import Bound, check_discrete_solution, equilibrate_source
-from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts, underflow_allowance
+from unilateral.bounds.local_bounds import (
+    Bound,
+    check_discrete_solution,
+    collect_bounds,
+    equilibrate_source,
+)
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts
 from unilateral.bounds.source import Source
 from unilateral.bounds.total_errors import bound_residual, bound_total_errors
 from unilateral.fem.condense import form_matrix
@@ -61,6 +66,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solve_sparse
 from unilateral.fem.p1 import edge_load, lumped_mass, subtract_lift_from_load
 from unilateral.fem.p2 import QuadraticSpace, linear_square_norms, quadratic_space, quadratic_square_norms
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
 MIN_RELATIVE_GAIN = 0.01
@@ -96,72 +102,79 @@ def sharp_bound(
     the sharper the bounds are.
     """
     mesh = data.mesh
-    source = data.source
     tau = data.given_flux
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
-    flux = build_normal_flux(mesh, partition, lambda_H, w, form)
-    lift = build_lifting(data.constraint, form, u_h, flux)
-    spaces = quadratic_space(mesh)
-    w, q = balance_potential(source, w, flux.end_values + tau.end_values, form)
-    field = _build_misfit_field(spaces, source, w, q, form)
 
-    # D = ||y||, and D_D, the norm of the part of y at clamped sides
-    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    remainder_norm_of_y = math.sqrt(float(lift.remainder_squares(shortfall).sum()))
-    clamped = form.clamped_edges(mesh)
-    clamped_nodal = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
-    clamped_norm = lift.layer.norm(form, clamped_nodal, np.where(clamped, edge_bubbles, 0.0))
-    clamped_norm += math.sqrt(float(shortfall.extension_squares[clamped].sum()))
-    underflow = underflow_allowance(mesh, form)
-    # triangle inequality: y is hats and bubbles, the extensions w, and the hats for the remainder of g; of
-    # the last two only norms are used
-    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + remainder_norm_of_y
-    D = (1 + SQUARES_ROUNDING) * y_norm + underflow
-    D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + remainder_norm_of_y) + underflow
+    # sigma near lambda_H, and the first q: that of `equilibrate_flux` for w, with theta r
+    sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
+    w, q = balance_potential(data.source, w, sigma.end_values + tau.end_values, form)
+    field = _build_misfit_field(quadratic_space(mesh), data.source, w, q, form)
 
-    # the flux q + curl phi, and a feasible v = w + d
-    load = spaces.load(source.f_h) + spaces.edge_load(tau.end_values)
-    d, phi, steps = _minimise_eta(lift, field, load, 2 * shortfall.complementarity)
+    # y with u_h + y >= g, D = |||y|||, and D_D, the norm of the part of y at clamped sides
+    lifting = build_lifting(data.constraint, form, u_h, sigma)
+    y = lifting.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    D, D_clamped = _lift_norms(lifting, y)
+
+    # the flux q + curl phi, and a feasible v: w + d and what `v_lift` has beside hats and bubbles
+    B = y.shortfall.complementarity
+    # in eta^2 2 <sigma, v> cancels what q.n = sigma adds to the load of v; of q.n only tau~ stays
+    load = field.spaces.load(data.source.f_h) + field.spaces.edge_load(tau.end_values)
+    d, phi, steps = _minimise_eta(lifting, field, load, 2 * B)
     field = field.add_curl(phi)
-    d_nodal, d_bubbles = np.split(d[spaces.boundary_unknowns], 2)
-    nodal_raise, bubble_raise, v_shortfall = lift.make_feasible(w[mesh.boundary] + d_nodal, d_bubbles)
-    d[spaces.boundary_unknowns] += np.concatenate([nodal_raise, bubble_raise])
-    remainder_norm_of_v = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
-    # the norms of what v lacks of being feasible, extensions and hats for the remainder, are added to S of v
-    # (`total_errors`, the last sentence); what u_h lacks is y
-    missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + remainder_norm_of_v) + underflow
+    d, v_lift = _raise_to_feasible(lifting, field, d)
 
-    # the residuals of u_h, with s' where q stays as it is, and of v
-    residual = field.residual_parts(spaces.embed_linear(u_h - w), tau)
-    # curl phi is 0 on thick triangles: s' of the first q still holds there
-    if field.is_thick.any():
-        s_prime = residual_parts(source, tau, u_h, q, form).s_prime
-        residual = residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
-    v_residual = field.residual_parts(d, tau)
-
-    # Theorem 8 (Proposition S14), with S of u_h and of v by Lemma S18
+    # S of u_h and of v (Lemma S18), and Theorem 8 (Proposition S14)
     tau_error = tau.projection_error(mesh, form)
+    u_parts = _residual_with_s_prime(field, tau, u_h, q)
+    v_parts = field.residual_parts(d, tau)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,
-        bound_residual(residual, tau_error, shortfall.complementarity),
-        bound_residual(v_residual, missing_norm + tau_error, v_shortfall.complementarity),
+        bound_residual(u_parts, tau_error, B),
+        bound_residual(v_parts, v_lift.missing_norm + tau_error, v_lift.shortfall.complementarity),
         D=D,
         D_clamped=D_clamped,
-        sigma_distance=flux.multiplier_distance(mesh, form),
+        sigma_distance=sigma.multiplier_distance(mesh, form),
     )
-    remainder = max(remainder_norm_of_y, remainder_norm_of_v) + tau.remainder_dual_norm(mesh, form)
-    return Bound(
-        u=errors.u,
-        lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
-        lift_norm=D,
-        data_remainder=form.value_constant * source.remainder_norm + remainder,
-        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
-        eta=errors.eta,
-        steps=steps,
-        outflows=field.outflows,
-        reaction_bound=errors.reaction_bound,
-    )
+    remainder_norm = max(y.remainder_norm, v_lift.remainder_norm)
+    return replace(collect_bounds(data, form, errors, D, remainder_norm, field.outflows), steps=steps)
+
+
+def _lift_norms(lifting: Lifting, y: Lift) -> tuple[float, float]:
+    """D = |||y||| and D_D, the energy norm of the part of y at clamped sides: upper bounds on both."""
+    layer = lifting.layer
+    form = lifting.form
+    # triangle inequality: y is hats and bubbles, the extensions w, and the hats for the remainder of g
+    y_norm = layer.norm(form, y.nodal, y.bubbles) + y.shortfall.extension_norm + y.remainder_norm
+    clamped = form.clamped_edges(layer.mesh)
+    clamped_nodal = np.where(clamped | np.roll(clamped, 1), y.nodal, 0.0)
+    clamped_norm = layer.norm(form, clamped_nodal, np.where(clamped, y.bubbles, 0.0))
+    clamped_norm += math.sqrt(float(y.shortfall.extension_squares[clamped].sum()))
+    # the hats for the remainder are not told apart: all of them count as at clamped sides
+    D = (1 + SQUARES_ROUNDING) * y_norm + y.underflow
+    return D, (1 + SQUARES_ROUNDING) * (clamped_norm + y.remainder_norm) + y.underflow
+
+
+def _raise_to_feasible(lifting: Lifting, field: _MisfitField, d: Array) -> tuple[Array, Lift]:
+    """d (size,) with the hats and bubbles that make v = w + d feasible, and the lift that they are of."""
+    d = d.copy()
+    boundary = field.spaces.boundary_unknowns
+    nodal, bubbles = np.split(d[boundary], 2)
+    v_lift = lifting.make_feasible(field.w[field.spaces.mesh.boundary] + nodal, bubbles)
+    d[boundary] += np.concatenate([v_lift.nodal, v_lift.bubbles])
+    return d, v_lift
+
+
+def _residual_with_s_prime(field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array) -> ResidualParts:
+    """The parts of the residual of u_h (n,) with the flux q + curl phi of the field, with s' where thick.
+
+    `q` is the flux before theta r and curl phi, which are 0 on thick triangles: s' holds for both fluxes.
+    """
+    residual = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)
+    if not field.is_thick.any():
+        return residual
+    s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
+    return residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,31 +304,22 @@ def _build_misfit_field(
 ) -> _MisfitField:
     """The `_MisfitField` of q + theta r for w; w and q are as `balance_potential` gives them."""
     mesh = spaces.mesh
-
-    # theta r as above, and rho with what that leaves of its mean-free part, -p
     p = form.c * w[mesh.triangles] - source.f_h
-    x = mesh.points[mesh.triangles]
-    along = np.roll(x, -1, axis=1) - x
-    # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
-    fall = p - np.roll(p, -1, axis=1)
-    r = fall[..., None] * along / 12
-    p_free = p - p.mean(axis=1, keepdims=True)
-    div_squares = form.k * linear_square_norms(mesh.areas, p_free)
-    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
-    theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
     thick = form.c * mesh.longest_edges**2 > THICK_TRIANGLE_LAYERS**2 * form.k
+    theta, r = _correct_divergence(mesh, p, form)
     theta = np.where(thick, 0.0, theta)[:, None]
-    inflows = triangle_inflows(mesh, q, slice(None))
-    divergence = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
-    rho = (divergence - p.mean(axis=1))[:, None] - (1 - theta) * p_free
 
-    # what rounding may do to w, q and r
-    size = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
+    # f_h + div (q + theta r) - c w = div q - mean p - (1 - theta) (p - mean p)
+    inflows = triangle_inflows(mesh, q, slice(None))
+    div_q = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
+    rho = (div_q - p.mean(axis=1))[:, None] - (1 - theta) * (p - p.mean(axis=1, keepdims=True))
+
+    # what rounding may do to w and q, and to r: |r| <= longest edge times |p|, |div r| <= 2 |p|
     largest = np.abs(w[mesh.triangles]).max(axis=1)
-    stretched = stretched_divergence(mesh, q)
     misfit_allowance, rho_allowance = rounding_allowances(
-        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched
+        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched_divergence(mesh, q)
     )
+    p_rounding = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
     return _MisfitField(
         spaces,
         source,
@@ -324,11 +328,23 @@ def _build_misfit_field(
         misfit_hats=-misfit(mesh, w, q, slice(None), form.k),
         misfit_bubbles=theta[..., None] * r,
         rho=rho,
-        misfit_allowance=misfit_allowance + mesh.longest_edges * size,
-        rho_allowance=rho_allowance + 2 * size,
+        misfit_allowance=misfit_allowance + mesh.longest_edges * p_rounding,
+        rho_allowance=rho_allowance + 2 * p_rounding,
         is_thick=thick,
         outflows=outflows(mesh, form, q),
     )
+
+
+def _correct_divergence(mesh: Mesh, p: Array, form: Form) -> tuple[Array, Array]:
+    """theta (m,), and r by the coefficients (m, 3, 2) of its bubbles; p has the values (m, 3) at nodes."""
+    # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
+    x = mesh.points[mesh.triangles]
+    r = (p - np.roll(p, -1, axis=1))[..., None] * (np.roll(x, -1, axis=1) - x) / 12
+    # theta = k ||div r||^2 / (k ||div r||^2 + c ||r||^2), div r = p - mean p; any number where p is constant
+    div_squares = form.k * linear_square_norms(mesh.areas, p - p.mean(axis=1, keepdims=True))
+    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
+    theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
+    return theta, r
 
 
 def _minimise_eta(
