@@ -123,11 +123,12 @@ def bound_shortfall(
     """
     mesh = constraint.mesh
     triangle = constraint.mesh.boundary_triangles
-    squares, complementarity, remainder = _edge_shortfalls(
-        constraint.select_near_edges(v, contact_edges | sigma.any(axis=1)), form, v, contact_edges, sigma
-    )
+    # where q.n = 0 and v is above g nothing is missing
+    near = constraint.select_near_edges(v, contact_edges | sigma.any(axis=1))
+    squares, complementarity, remainder = _edge_shortfalls(near, form, v, contact_edges, sigma)
     # ||w||^2 of a triangle with two boundary edges is at most twice the sum of both squares
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
+    # each node gets the larger remainder of its two edges, edge i - 1 and edge i
     nodal_raise = np.maximum(remainder, np.roll(remainder, 1))
     is_clamped = constraint.clamped_edges | np.roll(constraint.clamped_edges, 1)
     # what is added at the nodes raises v on an edge by at most the larger value
@@ -156,29 +157,24 @@ def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
 def _edge_shortfalls(
     constraint: Constraint, form: Form, v: Array, contact_edges: Mask, sigma: Array
 ) -> tuple[Array, Array, Array]:
-    """Bounds (nb,) on ||w||^2 and <q.n, v + w - g> per edge, and the remainder of g where v + w needs it."""
+    """Bounds (nb,) on ||w||^2 and <q.n, v + w - g> per edge, and the remainder of g where v + w needs it.
+
+    The `constraint` may have the intervals of some edges alone; the numbers of the others are 0. On
+    `contact_edges` (nb,) r has any sign. `sigma` (nb, 2) is q.n at the edges' ends.
+    """
     value, slope = constraint.trace_and_slope(v)
     any_sign = contact_edges[constraint.edge]
     v_rounding = BERNSTEIN_ROUNDING * np.abs(v[constraint.unknowns]).max(axis=1)
     remainder = constraint.remainder + 2 * v_rounding[constraint.edge]
-    # r = p - v, less the rounding where it stands for (p - v)_+
+    # r = p - v, less the rounding where it stands for (p - v)_+, which then is 0 where v = p
     rounding = np.where(any_sign, 0.0, (constraint.rounding + v_rounding)[constraint.edge])
     r = constraint.p - value - rounding[:, None]
     low, high = bernstein_bounds(r)
-    foot, height = _extension_apexes(constraint.mesh, form)
-    arm = constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None] - foot[constraint.edge][:, None]
-    r_prime = constraint.slope - slope
-    counts = (any_sign | (high > 0))[:, None]
-    r_squares = constraint.edge_integrals(r**2 * counts)
-    slope_squares = constraint.edge_integrals(r_prime**2 * counts)
-    arm_squares = constraint.edge_integrals((arm * r_prime) ** 2 * counts)
-    # k |w|_1^2 + c ||w||^2 by the formulas above, and the extension of u_D - p on clamped edges
-    squares = form.k * 0.5 * (height * slope_squares + (arm_squares + 2 * r_squares) / height)
-    squares += form.c * 0.25 * height * r_squares
-    constants = _extension_constants(constraint.mesh, form, foot, height)
-    squares = (np.sqrt(squares) + constraint.slope_remainder * np.sqrt(constants)) ** 2
+    # where r is positive somewhere on an interval its square is at least that of (p - v)_+
+    is_extended = (any_sign | (high > 0))[:, None]
+    squares = _extension_squares(constraint, form, r, constraint.slope - slope, is_extended)
     # v + w - p is -r where r is not extended, at most (-low)_+ where r_+ is, and 0 in contact
-    gap = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
+    gap = np.where(is_extended, np.maximum(-low, 0.0)[:, None], -r)
     gap = np.where(any_sign[:, None], 0.0, gap) + remainder[:, None]
     q_n = sigma[constraint.edge, :1] * (1 - constraint.x) + sigma[constraint.edge, 1:] * constraint.x
     complementarity = constraint.edge_integrals(np.where(q_n > 0, gap, 0.0) * q_n)
@@ -189,11 +185,30 @@ def _edge_shortfalls(
     return squares, complementarity, edge_remainder
 
 
+def _extension_squares(
+    constraint: Constraint, form: Form, r: Array, r_prime: Array, is_extended: Mask
+) -> Array:
+    """Bounds (nb,) on k |w|_1^2 + c ||w||^2, by the formulas of the module's docstring.
+
+    r and r' (K, Q) are extended from the intervals that `is_extended` (K, 1) marks. On clamped edges what p
+    leaves of u_D is extended, too, by the bound on its derivative.
+    """
+    foot, height = _extension_apexes(constraint.mesh, form)
+    arm = constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None] - foot[constraint.edge][:, None]
+    r_squares = constraint.edge_integrals(r**2 * is_extended)
+    slope_squares = constraint.edge_integrals(r_prime**2 * is_extended)
+    arm_squares = constraint.edge_integrals((arm * r_prime) ** 2 * is_extended)
+    squares = form.k * 0.5 * (height * slope_squares + (arm_squares + 2 * r_squares) / height)
+    squares += form.c * 0.25 * height * r_squares
+    constants = _extension_constants(constraint.mesh, form, foot, height)
+    return np.asarray((np.sqrt(squares) + constraint.slope_remainder * np.sqrt(constants)) ** 2)
+
+
 def _extension_constants(mesh: Mesh, form: Form, foot: Array, height: Array) -> Array:
     """Bounds on ||w||^2 for an r that vanishes at the ends of each edge, with ||r'||_e = 1, (nb,)."""
     lengths = np.diff(mesh.s)
     arm = np.maximum(np.abs(foot), np.abs(lengths - foot))
-    # ||r||_e <= |e| / pi, and |s - x| <= arm, in the formulas of the docstring above
+    # ||r||_e <= |e| / pi, and |s - x| <= arm, in the formulas of the module's docstring
     r_square = (lengths / math.pi) ** 2
     gradient_square = 0.5 * (height + (arm**2 + 2 * r_square) / height)
     return np.asarray(form.k * gradient_square + form.c * 0.25 * height * r_square)
@@ -214,7 +229,8 @@ def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
 
 
 def find_contact(constraint: Constraint, trace: Array, contact_scale: Array) -> Mask:
-    """Which P2 unknowns (n,) are in contact: u_h - g is below CONTACT_GAP_RATIO H_i lambda_i / k there."""
+    """Which P2 unknowns (2 nb,) of u_h are in contact: u_h - g < CONTACT_GAP_RATIO H_i lambda_i / k there."""
+    # H_i lambda_i / k of an edge; of a node it is the larger one of both edges
     largest = np.zeros(len(trace))
     np.maximum.at(largest, constraint.unknowns, contact_scale[:, None])
     return trace - constraint.p_at_unknowns < CONTACT_GAP_RATIO * largest
@@ -258,7 +274,7 @@ class Lifting(NamedTuple):
     sigma: Array
 
     def meet_obstacle(self, nodal: Array) -> tuple[Array, Array]:
-        """The hats and bubbles to add to values at boundary nodes, to be g in contact, (nb,) each."""
+        """The hats and bubbles, (nb,) each, to add to a trace of V_h for it to be g where in contact."""
         before = _p2_trace(nodal, np.zeros_like(nodal))
         return _p2_coefficients(np.where(self.contact, self.constraint.p_at_unknowns - before, 0.0))
 
