@@ -111,22 +111,21 @@ def bound_forces(
         for side_set in sides
     ]
     lower, upper = np.zeros((2, len(side_sets)))
+    # what has reactions has the error of fluxes and any sign, a force alone that of lambda, and it is >= 0
     signed = np.array([bool({*side_set} & {*reactions.form.clamped}) for side_set in sides], dtype=bool)
-    # what has reactions has the error of fluxes, a force alone that of lambda, and it is not negative
-    for chosen, error in (
+    for chosen, error_bound in (
         (np.flatnonzero(signed), reactions.reaction_bound),
         (np.flatnonzero(~signed), multiplier_bound),
     ):
+        # on free sides alone lambda is 0
         chosen = chosen[[sides[k].size > 0 for k in chosen]]
-        if chosen.size and error < np.inf:
+        if chosen.size:
+            chosen_sides = [sides[k] for k in chosen]
             lower[chosen], upper[chosen] = _force_bounds(
-                mesh, partition, lambda_H, error, [sides[k] for k in chosen], reactions
+                mesh, partition, lambda_H, error_bound, chosen_sides, reactions
             )
-        elif chosen.size:
-            lower[chosen] = -np.inf
-            upper[chosen] = np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
-    # The sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
+    # the sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
     if reactions.total_force and reactions.total_force[1] < math.inf:
         n_not_free = mesh.polygon.n_sides - len(reactions.form.free)
         for k in np.flatnonzero([len(side_set) == n_not_free for side_set in sides]).tolist():
@@ -171,25 +170,36 @@ def _force_bounds(
     side_sets: list[Index],
     reactions: ReactionData,
 ) -> tuple[Array, Array]:
-    """Numbers below and above the forces over sets of sides that are not free, (k,) each."""
+    """Lower and upper bounds on the forces over sets of sides that are not free, (k,) each."""
+    if not error_bound < math.inf:
+        return np.full(len(side_sets), -math.inf), np.full(len(side_sets), math.inf)
+    best = _build_least_bound(mesh, partition, lambda_H, error_bound, reactions)
+    limits = [_nodal_lower_bounds(best.mesh, sides, reactions) for sides in side_sets]
+    above = np.column_stack([c for c, _ in limits])
+    below = np.column_stack([c for _, c in limits])
+    # <lambda_H, w> has the integrals of q.n over clamped sides; what w cannot reach at conflicts is lacking
+    flows, magnitudes = np.array([reactions.outflows[:, sides].sum(axis=1) for sides in side_sets]).T
+    flow_rounding = (SQUARES_ROUNDING + mesh.polygon.stretch.max()) * magnitudes
+    conflicts = np.array([conflict_allowances(best.mesh, sides, reactions) for sides in side_sets]).T
+    lacking = conflicts + flow_rounding
+    # the search for w begins where w >= c is an equation: on P, and where lambda_H pushes
+    active = (above > 0) | (above == 0) & (best.load > 0)[:, None]
+    # for the lower bound -w takes the place of w: there <lambda_H, -w> + E N(w) is least
+    lower = flows - best.minimise(below, np.isfinite(below)) - lacking[0]
+    return lower, flows + best.minimise(above, active) + lacking[1]
+
+
+def _build_least_bound(
+    mesh: Mesh, partition: Partition, lambda_H: Array, error_bound: float, reactions: ReactionData
+) -> LeastBound:
+    """The `LeastBound` for this error bound, on a mesh that is made for lambda_H and it."""
     # with k^{-1/2} N in place of N, E gets the factor k^{1/2}
     E = math.sqrt(reactions.form.k) * error_bound
     load = lambda_H / max(E, MIN_BOUND_PER_FORCE * float(partition.lengths @ lambda_H), MIN_FORCE_BOUND)
-    force_mesh, space = condense_force_mesh(mesh, partition, load, reactions)
+    force_mesh, condensed = condense_force_mesh(mesh, partition, load, reactions)
     pairing, load = (coupling(force_mesh, partition).T @ np.column_stack([lambda_H, load])).T
-    exact = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
-    best = LeastBound(force_mesh, space, pairing, E, load, exact, Form(c=reactions.depth**-2))
-    limits = [_nodal_lower_bounds(force_mesh, sides, reactions) for sides in side_sets]
-    above = np.column_stack([c for c, _ in limits])
-    below = np.column_stack([c for _, c in limits])
-    flows, magnitudes = np.array([reactions.outflows[:, sides].sum(axis=1) for sides in side_sets]).T
-    flow_rounding = (SQUARES_ROUNDING + mesh.polygon.stretch.max()) * magnitudes
-    conflicts = np.array([conflict_allowances(force_mesh, sides, reactions) for sides in side_sets]).T
-    lacking = conflicts + flow_rounding
-    # the search for w begins where w >= c is an equation: on P, and where lambda_H pushes
-    active = (above > 0) | (above == 0) & (load > 0)[:, None]
-    lower = flows - best.minimise(below, np.isfinite(below)) - lacking[0]
-    return lower, flows + best.minimise(above, active) + lacking[1]
+    is_fixed = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
+    return LeastBound(force_mesh, condensed, pairing, E, load, is_fixed, Form(c=reactions.depth**-2))
 
 
 def _nodal_lower_bounds(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[Array, Array]:
