@@ -52,15 +52,10 @@ from unilateral.bounds.flux_residuals import (
     rounding_allowances,
     stretched_divergence,
 )
-from unilateral.bounds.local_bounds import (
-    Bound,
-    check_discrete_solution,
-    collect_bounds,
-    equilibrate_source,
-)
+from unilateral.bounds.local_bounds import Bound, check_discrete_solution, collect_bounds, equilibrate_source
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import bound_residual, bound_total_errors
+from unilateral.bounds.total_errors import ResidualBounds, bound_residual, bound_total_errors
 from unilateral.fem.condense import form_matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solve_sparse
@@ -102,13 +97,12 @@ def sharp_bound(
     the sharper the bounds are.
     """
     mesh = data.mesh
-    tau = data.given_flux
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
 
     # sigma near lambda_H, and the first q: that of `equilibrate_flux` for w, with theta r
     sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
-    w, q = balance_potential(data.source, w, sigma.end_values + tau.end_values, form)
+    w, q = balance_potential(data.source, w, sigma.end_values + data.given_flux.end_values, form)
     field = _build_misfit_field(quadratic_space(mesh), data.source, w, q, form)
 
     # y with u_h + y >= g, D = |||y|||, and D_D, the norm of the part of y at clamped sides
@@ -116,22 +110,15 @@ def sharp_bound(
     y = lifting.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
     D, D_clamped = _lift_norms(lifting, y)
 
-    # the flux q + curl phi, and a feasible v: w + d and what `v_lift` has beside hats and bubbles
-    B = y.shortfall.complementarity
-    # in eta^2 2 <sigma, v> cancels what q.n = sigma adds to the load of v; of q.n only tau~ stays
-    load = field.spaces.load(data.source.f_h) + field.spaces.edge_load(tau.end_values)
-    d, phi, steps = _minimise_eta(lifting, field, load, 2 * B)
-    field = field.add_curl(phi)
-    d, v_lift = _raise_to_feasible(lifting, field, d)
+    # the better q + curl phi and v = w + d, with the hats and bubbles of its own lift to be feasible
+    field, d, v_lift, steps = _improve_flux_and_potential(lifting, field, data.given_flux, y)
 
     # S of u_h and of v (Lemma S18), and Theorem 8 (Proposition S14)
-    tau_error = tau.projection_error(mesh, form)
-    u_parts = _residual_with_s_prime(field, tau, u_h, q)
-    v_parts = field.residual_parts(d, tau)
+    u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, q, y, d, v_lift)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,
-        bound_residual(u_parts, tau_error, B),
-        bound_residual(v_parts, v_lift.missing_norm + tau_error, v_lift.shortfall.complementarity),
+        u_residual,
+        v_residual,
         D=D,
         D_clamped=D_clamped,
         sigma_distance=sigma.multiplier_distance(mesh, form),
@@ -155,26 +142,40 @@ def _lift_norms(lifting: Lifting, y: Lift) -> tuple[float, float]:
     return D, (1 + SQUARES_ROUNDING) * (clamped_norm + y.remainder_norm) + y.underflow
 
 
-def _raise_to_feasible(lifting: Lifting, field: _MisfitField, d: Array) -> tuple[Array, Lift]:
-    """d (size,) with the hats and bubbles that make v = w + d feasible, and the lift that they are of."""
-    d = d.copy()
-    boundary = field.spaces.boundary_unknowns
-    nodal, bubbles = np.split(d[boundary], 2)
-    v_lift = lifting.make_feasible(field.w[field.spaces.mesh.boundary] + nodal, bubbles)
-    d[boundary] += np.concatenate([v_lift.nodal, v_lift.bubbles])
-    return d, v_lift
+def _improve_flux_and_potential(
+    lifting: Lifting, field: _MisfitField, tau: GivenEdgeFlux, y: Lift
+) -> tuple[_MisfitField, Array, Lift, int]:
+    """The field of q + curl phi, d (size,) of v = w + d, the lift of v, and how many steps were made.
 
-
-def _residual_with_s_prime(field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array) -> ResidualParts:
-    """The parts of the residual of u_h (n,) with the flux q + curl phi of the field, with s' where thick.
-
-    `q` is the flux before theta r and curl phi, which are 0 on thick triangles: s' holds for both fluxes.
+    d has the hats and bubbles of that lift; v is feasible but for what else is in it.
     """
-    residual = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)
-    if not field.is_thick.any():
-        return residual
-    s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
-    return residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    spaces = field.spaces
+    # in eta^2 2 <sigma, v> cancels what q.n = sigma adds to the load of v: of q.n tau~ alone is left
+    load = spaces.load(field.source.f_h) + spaces.edge_load(tau.end_values)
+    d, phi, steps = _minimise_eta(lifting, field, load, 2 * y.shortfall.complementarity)
+    nodal, bubbles = np.split(d[spaces.boundary_unknowns], 2)
+    v_lift = lifting.make_feasible(field.w[spaces.mesh.boundary] + nodal, bubbles)
+    d[spaces.boundary_unknowns] += np.concatenate([v_lift.nodal, v_lift.bubbles])
+    return field.add_curl(phi), d, v_lift, steps
+
+
+def _bound_improved_residuals(
+    field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array, y: Lift, d: Array, v_lift: Lift
+) -> tuple[ResidualBounds, ResidualBounds]:
+    """The bounds on the residuals of u_h and of v = w + d, with the field's flux; `q` is the first one."""
+    tau_error = tau.projection_error(field.spaces.mesh, field.form)
+    u_parts = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)
+    # theta r and curl phi are 0 on thick triangles: s' of the first q holds there
+    if field.is_thick.any():
+        s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
+        u_parts = u_parts._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    v_parts = field.residual_parts(d, tau)
+    # what u_h lacks is y, with the norm D; what v lacks is added to its S (`total_errors`, the last sentence)
+    v_missing = v_lift.missing_norm + tau_error
+    return (
+        bound_residual(u_parts, tau_error, y.shortfall.complementarity),
+        bound_residual(v_parts, v_missing, v_lift.shortfall.complementarity),
+    )
 
 
 @dataclass(frozen=True, eq=False)
