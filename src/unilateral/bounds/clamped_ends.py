@@ -90,6 +90,27 @@ def find_clamped_ends(
     """How far v - g is known to be positive on the sides with contact beside clamped ones."""
     n = mesh.polygon.n_sides
     clamped_ends = no_clamped_ends(n)._replace(gamma_force_bound=gamma_force_bound)
+    gap = _bound_edge_gaps(mesh, lifting, v_lower, normal_flux)
+    clamped = np.isin(np.arange(n), form.clamped)
+    lengths = np.diff(mesh.s)
+    # from each vertex between a clamped side and another one along this, as long as the gap is wide
+    for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
+        side = (vertex - 1) % n if clamped[vertex] else vertex
+        edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
+        wide = gap[edges] > MIN_GAP_FRACTION * max(gap[edges[0]], 0.0)
+        edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
+        # on a free side the gap is infinite: there is no g
+        if edges.size and np.isfinite(gap[edges]).all():
+            clamped_ends.gap_length[vertex] = lengths[edges].sum()
+            clamped_ends.gamma[vertex] = gap[edges].min()
+    return clamped_ends
+
+
+def _bound_edge_gaps(mesh: Mesh, lifting: Lifting, v_lower: Array, normal_flux: NormalFlux) -> Array:
+    """A lower bound on v - g on each boundary edge, (nb,): 0 next to contact, infinite without g.
+
+    v, but for what the remainder of g lowers it by, is at least `v_lower` (n,) at the nodes.
+    """
     upper = np.full(len(mesh.side), -np.inf)
     remainder = np.zeros(len(mesh.side))
     np.maximum.at(upper, lifting.constraint.edge, lifting.constraint.g_upper)
@@ -103,18 +124,7 @@ def find_clamped_ends(
     # in contact v is p at the nodes, which the edges beside share
     in_contact = normal_flux.contact_scale > 0
     gap[in_contact | np.roll(in_contact, 1) | np.roll(in_contact, -1)] = 0.0
-    clamped = np.isin(np.arange(n), form.clamped)
-    lengths = np.diff(mesh.s)
-    # from each vertex between a clamped side and another one along this, as long as the gap is wide
-    for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
-        side = (vertex - 1) % n if clamped[vertex] else vertex
-        edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
-        wide = gap[edges] > MIN_GAP_FRACTION * max(gap[edges[0]], 0.0)
-        edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
-        if edges.size and np.isfinite(gap[edges]).all():
-            clamped_ends.gap_length[vertex] = lengths[edges].sum()
-            clamped_ends.gamma[vertex] = gap[edges].min()
-    return clamped_ends
+    return gap
 
 
 def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
@@ -161,15 +171,12 @@ def find_conflicts(sides: Index, reactions: ReactionData) -> list[tuple[int, int
 def conflict_allowances(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[float, float]:
     """How much the lower and the upper bound on a force lack at its conflicts."""
     allowances = [0.0, 0.0]
+    ends = reactions.clamped_ends
     lengths = np.diff(mesh.s)
     for vertex, which in find_conflicts(sides, reactions):
         first_length = lengths[boundary_index(mesh, vertex) - (vertex in reactions.form.clamped)]
-        is_bounded = first_length <= reactions.clamped_ends.gap_length[vertex]
-        # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16)
-        amount = (
-            reactions.clamped_ends.gamma_force_bound / reactions.clamped_ends.gamma[vertex]
-            if is_bounded
-            else np.inf
-        )
+        # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16); w falls on an edge
+        is_bounded = first_length <= ends.gap_length[vertex]
+        amount = ends.gamma_force_bound / ends.gamma[vertex] if is_bounded else np.inf
         allowances[which] = max(allowances[which], amount)
     return allowances[0], allowances[1]

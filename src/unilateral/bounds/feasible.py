@@ -122,7 +122,7 @@ def bound_shortfall(
     q.n is linear on every edge, with the values `sigma` (nb, 2) at its ends.
     """
     mesh = constraint.mesh
-    triangle = constraint.mesh.boundary_triangles
+    triangle = mesh.boundary_triangles
     # where q.n = 0 and v is above g nothing is missing
     near = constraint.select_near_edges(v, contact_edges | sigma.any(axis=1))
     squares, complementarity, remainder = _edge_shortfalls(near, form, v, contact_edges, sigma)
@@ -290,12 +290,9 @@ class Lifting(NamedTuple):
             bubble_square_norms=self.layer.bubble_square_norms(self.form),
         )
         shortfall = bound_shortfall(self.constraint, self.form, v, contact_edges, self.sigma)
-        return Lift(
-            *_p2_coefficients(v - before),
-            shortfall=shortfall,
-            remainder_squares=self.remainder_squares(shortfall),
-            underflow=underflow_allowance(self.layer.mesh, self.form),
-        )
+        nodal, bubbles = _p2_coefficients(v - before)
+        underflow = underflow_allowance(self.layer.mesh, self.form)
+        return Lift(nodal, bubbles, shortfall, self.remainder_squares(shortfall), underflow)
 
     def remainder_squares(self, shortfall: Shortfall) -> Array:
         """Bounds (k,) on the squared energy norms, by triangles of the layer, of what the remainder adds."""
@@ -306,12 +303,9 @@ class Lifting(NamedTuple):
         if not np.any(shortfall.nodal_change):
             return raise_squares
         values, _ = self.layer.function(shortfall.nodal_change, no_bubbles)
-        hat_squares = (
-            self.layer.square_norms(self.form, np.broadcast_to(hat, values.shape), 0 * values)
-            for hat in np.eye(3)
-        )
         change_norms = sum(
-            np.sqrt(squares) * value for squares, value in zip(hat_squares, values.T, strict=True)
+            np.sqrt(self.layer.square_norms(self.form, np.broadcast_to(hat, values.shape), 0 * values)) * size
+            for hat, size in zip(np.eye(3), values.T, strict=True)
         )
         return (np.sqrt(raise_squares) + change_norms) ** 2
 

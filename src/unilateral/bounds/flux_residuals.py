@@ -179,10 +179,8 @@ def _split_source(
         # p - f_h is orthogonal to a linear f_h - c v
         return _sum_rows(g) / 3, np.sqrt(linear_squares + source.oscillation[triangles] ** 2)
     mean = (_sum_rows(g) - c * bubbles.sum(axis=1)) / 3
-    mean_free = (
-        np.sqrt(quadratic_square_norms(area, (g - mean).T, -c * bubbles)) + source.oscillation[triangles]
-    )
-    return mean, mean_free
+    g_squares = quadratic_square_norms(area, (g - mean).T, -c * bubbles)
+    return mean, np.sqrt(g_squares) + source.oscillation[triangles]
 
 
 def bound_by_parts(

@@ -104,11 +104,8 @@ def bound_forces(
     reactions = reactions or no_reactions(mesh.polygon.n_sides)
     sides = [np.setdiff1d([*side_set], reactions.form.free).astype(int) for side_set in side_sets]
     values = [
-        float(
-            partition.lengths @ (lambda_H * np.isin(partition.side, side_set))
-            + reactions.outflows[0, side_set].sum()
-        )
-        for side_set in sides
+        float(partition.lengths @ (lambda_H * np.isin(partition.side, P)) + reactions.outflows[0, P].sum())
+        for P in sides
     ]
     lower, upper = np.zeros((2, len(side_sets)))
     # what has reactions has the error of fluxes and any sign, a force alone that of lambda, and it is >= 0
@@ -132,8 +129,7 @@ def bound_forces(
             lower[k] = max(lower[k], reactions.total_force[0])
             upper[k] = min(upper[k], reactions.total_force[1])
             values[k] = float(0.5 * (lower[k] + upper[k]))
-    bounds = zip(values, lower.tolist(), upper.tolist(), strict=True)
-    return [Force(value, below, above) for value, below, above in bounds]
+    return list(map(Force, values, lower.tolist(), upper.tolist()))
 
 
 def enclose_total_force(source: Source, flux: GivenFlux) -> tuple[float, float]:

@@ -9,15 +9,13 @@ norm, B = <sigma, u_h + y - g>, and D the energy norm of y. Then
 With v = u_h + y in place of u_h, and 0 in place of y, the second says ||lambda - sigma||^2 <= S^2 + 2 B;
 the smaller one is taken.
 
-S is that of `residual_norm` for a flux q with q.n = sigma on these sides, made by `equilibrate_flux` with the
-flux tau~ near the one that is given on free sides (`boundary_flux`). What tau~ leaves of that, what the
-enclosure of f misses (`source`), and what rounding may have done on a triangle are parts of the residual. y
-is what makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is
-assumed of u_h and lambda_H.
+S is that of `residual_norm` for a flux q by `equilibrate_flux`. q.n is sigma on these sides, and tau~, near
+the given flux, on free ones (`boundary_flux`). What tau~ leaves of that, what the enclosure of f misses
+(`source`), and rounding are parts of the residual. y (`feasible`) is 0 but on the triangles at boundary
+nodes. Nothing is assumed of u_h and lambda_H.
 
-u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`), a triangulation
-of the polygon itself. What that changes of differences is added like rounding, and the rest is in
-`exact_mesh_factor`.
+u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`). What that changes
+of differences is added like rounding, and the rest is in `exact_mesh_factor`.
 """
 
 from __future__ import annotations
@@ -126,13 +124,9 @@ def local_bound(
 
     # S of u_h and of the feasible v = u_h + y (Lemma S18), and Theorem 8 (Proposition S14)
     u_residual, v_residual, S_shares = _bound_residuals(data, u_h, q, lifting.layer, y, form)
+    distance = sigma.multiplier_distance(mesh, form)
     errors = bound_total_errors(
-        mesh.exact_mesh_factor,
-        u_residual,
-        v_residual,
-        D=D,
-        D_clamped=D,
-        sigma_distance=sigma.multiplier_distance(mesh, form),
+        mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D, sigma_distance=distance
     )
 
     # a lower bound on v at nodes, for on clamped sides y is negative where u_h is above u_D

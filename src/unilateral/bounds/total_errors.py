@@ -123,7 +123,7 @@ def bound_total_errors(
         lambda_=growth * (Y + sigma_distance),
         reaction_bound=growth * (E + sigma_distance),
         eta=growth * eta,
-        # gamma <lambda, w> <= <sigma, v - g> + S^2 / 4 (Proposition S16)
+        # gamma <lambda, w> <= <sigma, v - g> + S^2 / 4 (Proposition S16); both grow like squares
         gamma_force_bound=growth * growth * (v_residual.B + S_v * S_v / 4),
     )
 
