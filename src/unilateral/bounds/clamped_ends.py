@@ -1,19 +1,17 @@
 """What the bounds know of the ends of clamped sides, for forces and reactions next to them (`forces`).
 
-lambda is a functional of functions that vanish on clamped sides. Near a vertex between such a side and one
-with contact, forces can only be told from reactions where lambda is known to be small. With the feasible v
-of `local_bounds`, its residual R, and S at least the norm of R on functions that vanish on clamped sides,
+Near a vertex between a clamped side and one with contact, forces can only be told from reactions where lambda
+is known to be small. With the feasible v of `local_bounds`, its residual R, and S at least the norm of R on
+functions that vanish on clamped sides,
 
-    |||u - v|||^2 = R(u - v) + <lambda - sigma, u - v>
-                 <= S |||u - v||| + <lambda, u - v> + <sigma, v - g>,
+    |||u - v|||^2 = R(u - v) + <lambda - sigma, u - v> <= S |||u - v||| + <lambda, u - v> + <sigma, v - g>,
 
 since <sigma, u - g> >= 0. Let v - g be at least gamma on a part of the boundary, and w have values from 0 to
 1 and vanish on the rest. v - gamma w is admissible, so <lambda, u - v> <= -gamma <lambda, w>, and
 
     gamma <lambda, w> <= <sigma, v - g> + S^2 / 4.
 
-The right side is small. The integral of lambda over that part is at most this over gamma (supplement,
-Proposition S16).
+So the integral of lambda over that part is at most this over gamma (supplement, Proposition S16).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ for w(x + t (s - x), l (1 - t)) = t r(s) has the gradient (r', ((s - x) r' - r) 
 T is the mesh's triangle at e, or, where that is higher than 2 (k/c)^{1/2}, the one of this height whose third
 vertex lies on the line from the midpoint of e to the vertex of the mesh's triangle.
 Where g is smooth r' = O(h^2), and |w|_1 = O(h^{5/2}). At last a function of V_h is added that is at least
-the remainder on every edge where v + w >= g needs it. (u_h, lambda_H) says where there is contact.
+the remainder on every edge where v + w >= g needs it.
 
 On clamped edges v + w + more = u_D. As in contact r = p - v has any sign, and u_D - p is known up to its
 remainder, and its derivative in L2. At the nodes there the last function may have either sign. What is left

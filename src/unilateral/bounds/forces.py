@@ -16,22 +16,18 @@ given there is no part of lambda, in E neither.
 The same holds for reactions, the integrals of k du/dn over clamped sides, whose sign is not known: there
 w is 1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is the `reaction_bound`.
 Clamped sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and
-one with contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece
-of the side with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
-Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
-a large force near the vertex and the opposite reaction have hardly any norm together.
+one with contact, w passes from 1 to 0 beside it, and one of the bounds lacks what `clamped_ends` bounds. It
+is infinite where nothing is known of v - g, and has to be where u = g at the vertex: there a large force and
+the opposite reaction have hardly any norm together.
 
-If c = 0, the sum of all forces and reactions is known: (1.1) with v = 1 says that it is - int f - int q
-(`enclose_total_force`).
+If c = 0, the sum of all forces and reactions is - int f - int q, by (1.1) with v = 1 (`enclose_total_force`).
 
-w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
-and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
-beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
-is known: k^(-1/2) N(w) is not below |v|_S, for v its values at the boundary nodes and S the Schur complement
-on these, and it is |v|_S if w is extended as S has it (`force_mesh`). What is guaranteed does not rest on
-that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the
-rest only at vertices, which are nodes. And N(w) is computed from all values of w. On the exact mesh, see
-`geometry.exact_mesh`, it is at most `exact_mesh_factor` times as large.
+w is continuous, and linear on the triangles of a mesh of its own, which is graded towards the ends of sides
+and of contact where there is a load, as w is steep there. On the mesh the best w is known: k^(-1/2) N(w) is
+not below |v|_S, for v its values at the boundary nodes and S the Schur complement on these, and it is |v|_S
+if w is extended as S has it (`force_mesh`). What is guaranteed does not rest on that: N(w) is computed from
+all values of w, and as v is not below c at the nodes, w is not on the edges, which lie in P or in the rest.
+On the exact mesh (`geometry.exact_mesh`) N(w) is at most `exact_mesh_factor` times as large.
 """
 
 from __future__ import annotations

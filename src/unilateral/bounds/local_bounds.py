@@ -64,7 +64,7 @@ class Bound:
     eta
         A bound on (S^2 + 2 B)^{1/2} for the v of this bound.
     shares : (triangles,)
-        Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2. Their sum is at most that and, but for
+        Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2, whose sum is at most that and, but for
         rounding, at least u^2 / 6.
     lift : (2, boundary edges)
         Of the cheap bound: the coefficients of y at boundary nodes, and of the bubbles of boundary edges.
@@ -98,14 +98,13 @@ def local_bound(
 ) -> Bound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on free and on clamped sides.
 
-    On the free ones the flux is that of the `data`, which are enclosed for the same form. The flux q is made
-    from the `potential` (n,), by default u_h. Around each node it can only be in equilibrium if the potential
-    solves the discrete equation with lambda_H. So for a u_h of another program the potential is that
-    solution: q made from u_h itself would be away from grad u by the residual of u_h divided by h.
+    The `data` are enclosed for the same form. The flux q is made from the `potential` w (n,), by default u_h.
+    Around each node it can only be in equilibrium if w solves the discrete equation with lambda_H. So for a
+    u_h of another program w is that solution: q made from u_h would be away from grad u by the residual of
+    u_h divided by h. The nearer w and lambda_H are to the discrete solution, the sharper the bounds are.
 
-    The nearer the potential and lambda_H are to the discrete solution, the sharper the bounds are. Raises
-    InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on
-    such a side.
+    Raises InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or
+    not 0 on such a side.
     """
     mesh = data.mesh
     tau = data.given_flux
