@@ -52,8 +52,7 @@ def no_clamped_ends(n: int) -> ClampedEnds:
 class ReactionData(NamedTuple):
     """What is known of clamped sides: the form, and `outflows` (2, n) and `clamped_ends` of a `Bound`.
 
-    `reaction_bound` is that of the `Bound`, on the functional of reactions. The `total_force` is that of
-    `enclose_total_force`, if c = 0.
+    `reaction_bound` is that of the `Bound`; the `total_force` is that of `enclose_total_force`, if c = 0.
     """
 
     form: Form
@@ -107,7 +106,7 @@ def find_clamped_ends(
 def _bound_edge_gaps(mesh: Mesh, lifting: Lifting, v_lower: Array, normal_flux: NormalFlux) -> Array:
     """A lower bound on v - g on each boundary edge, (nb,): 0 next to contact, infinite without g.
 
-    v, but for what the remainder of g lowers it by, is at least `v_lower` (n,) at the nodes.
+    At the nodes v is at least `v_lower` (n,), less what is subtracted there for the remainder of g.
     """
     upper = np.full(len(mesh.side), -np.inf)
     remainder = np.zeros(len(mesh.side))

@@ -167,8 +167,8 @@ def _edge_shortfalls(
     v_rounding = BERNSTEIN_ROUNDING * np.abs(v[constraint.unknowns]).max(axis=1)
     remainder = constraint.remainder + 2 * v_rounding[constraint.edge]
     # r = p - v, less the rounding where it stands for (p - v)_+, which then is 0 where v = p
-    rounding = np.where(any_sign, 0.0, (constraint.rounding + v_rounding)[constraint.edge])
-    r = constraint.p - value - rounding[:, None]
+    rounding = (constraint.rounding + v_rounding)[constraint.edge]
+    r = constraint.p - value - np.where(any_sign, 0.0, rounding)[:, None]
     low, high = bernstein_bounds(r)
     # where r is positive somewhere on an interval its square is at least that of (p - v)_+
     is_extended = (any_sign | (high > 0))[:, None]

@@ -59,7 +59,8 @@ def _misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Ar
     points = mesh.points.ravel()
     x = points.take(2 * node)
     y = points.take(2 * node + 1)
-    e_x, e_y = ([z[k] - z[j] for _, j, k in CYCLIC_CORNERS] for z in (x, y))
+    e_x = [x[k] - x[j] for _, j, k in CYCLIC_CORNERS]
+    e_y = [y[k] - y[j] for _, j, k in CYCLIC_CORNERS]
     for values, e, sign, turned in ((field[0], e_x, -1, e_y), (field[1], e_y, 1, e_x)):
         slope = sign * (u[0] * turned[0] + u[1] * turned[1] + u[2] * turned[2])
         for i, j, k in CYCLIC_CORNERS:

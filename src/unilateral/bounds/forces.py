@@ -131,8 +131,7 @@ def bound_forces(
 def enclose_total_force(source: Source, flux: GivenFlux) -> tuple[float, float]:
     """Two numbers between which - int f - int q lies, for f on a mesh and q on the sides of its polygon.
 
-    Of f the means on triangles are known up to their `remainder`. Areas change by the square of 1 + the
-    distortion, and lengths by the stretch.
+    Areas change by the square of 1 + the distortion, and lengths by the stretch.
     """
     mesh = source.mesh
     polygon = source.mesh.polygon
@@ -221,9 +220,8 @@ def _nodal_lower_bounds(mesh: Mesh, sides: Index, reactions: ReactionData) -> tu
 class LeastBound:
     """The least of <lambda_H, w> + E |||w||| on a mesh with its `condensed`, or among constants without one.
 
-    `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, `load` (nb,) is about
-    `pairing` over E, and `E` is E. At the nodes `is_fixed` (nb,) w is given. |||w||| is that of the
-    `norm_form`.
+    `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, and `load` (nb,) is
+    about `pairing` over E. At the nodes `is_fixed` (nb,) w is given. |||w||| is that of the `norm_form`.
     """
 
     mesh: Mesh
@@ -246,6 +244,7 @@ class LeastBound:
             best = constants[1 + c.max(axis=0).astype(int)]
         if self.condensed:
             v = minimise_linear_plus_norm(self.condensed.A_3, self.load, c, active, self.is_fixed)
+            # w = 0 is among the constants
             columns = np.flatnonzero(v.any(axis=0) | self.is_fixed.any())
             if columns.size:
                 w = extend_with_least_norm(self.condensed, v[:, columns])
@@ -260,8 +259,8 @@ class LeastBound:
         """
         trace = w[self.mesh.boundary]
         polygon = self.mesh.polygon
-        l = self.pairing[:, None]  # noqa: E741
-        edge_changes = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
+        nodal = self.pairing[:, None]
+        edge_changes = (nodal + np.roll(nodal, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         place_rounding = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ edge_changes
         error = (SQUARES_ROUNDING + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + place_rounding
         norms = (1 + SQUARES_ROUNDING) * np.array(

@@ -4,8 +4,7 @@ Symbols as in `total_errors`: u_h + y is feasible, D = |||y|||, B = <sigma, u_h 
 residual on functions that vanish on clamped sides; s' is the second bound of `residual_norm` on a triangle.
 
 The bounds follow from the residuals of u_h and of a feasible v with one flux q (`bound_total_errors`). Both v
-and q begin with w of V_h, which is u_h or near it, and with the flux of `equilibrate_flux` for w
-(`balance_potential`).
+and q begin with w of V_h, u_h or near it, and the flux of `equilibrate_flux` for w (`balance_potential`).
 
 The flux gets a divergence that is linear on each triangle T. With p = c w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
@@ -91,11 +90,7 @@ def sharp_bound(
     form: Form,
     potential: Array | None = None,
 ) -> Bound:
-    """Bounds for what `local_bound` takes, which raises InputError likewise.
-
-    w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
-    the sharper the bounds are.
-    """
+    """Bounds for what `local_bound` takes and refuses; w is the `potential`, by default u_h, or near it."""
     mesh = data.mesh
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
@@ -339,7 +334,7 @@ def _correct_divergence(mesh: Mesh, p: Array, form: Form) -> tuple[Array, Array]
 def _minimise_eta(
     lifting: Lifting, field: _MisfitField, load: Array, complementarity: float
 ) -> tuple[Array, Array, int]:
-    """d = v - w and phi (size,), and how many steps were made.
+    """d = v - w and phi (size,) that nearly minimise eta^2, and how many steps were made.
 
     `load` (size,) is that of v, and `complementarity` is nearly 2 <sigma, v - g>.
     """
@@ -358,6 +353,7 @@ def _minimise_eta(
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
     misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
     eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
+    # |curl phi| is |grad phi|, and (p, curl phi) = - (curl p, grad phi) for the misfit p
     curl_load = spaces.gradient_load(_curl(field.misfit_hats), _curl(field.misfit_bubbles)) / form.k
     phi_descent = spaces.conjugate_gradients(
         spaces.matrix(Form(1 / form.k, 0.0)), curl_load, np.zeros(spaces.size), inner
@@ -365,7 +361,8 @@ def _minimise_eta(
     v_descent = spaces.conjugate_gradients(spaces.matrix(form), load, w + d, free)
     gain = math.inf
     steps = 0
-    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:  # below 0 where v < g
+    # eta^2 is below 0 if v is far enough below g
+    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:
         gain = v_descent.step() + phi_descent.step()
         eta_square = eta_square - gain
         steps = steps + 1
