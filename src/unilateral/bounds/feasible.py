@@ -104,7 +104,6 @@ def raise_to_obstacle(
         squares, complementarity, _ = _edge_shortfalls(constraint, form, v, any_sign, sigma)
         return EXTENSION_COST_RATIO * squares + 2 * complementarity
 
-    # of each edge the cheapest of three: r of any sign, (p - v)_+, and a midpoint above p
     contact_cost = cost(v, touching)
     plain_cost = cost(v, nowhere)
     lifted_cost = cost(v_lifted, nowhere) + bubble_square_norms * midpoint_raise**2
@@ -145,10 +144,11 @@ def bound_shortfall(
 
 
 def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
-    """By how much each midpoint has to be raised for v > p, seen at the points of the rule, (nb,)."""
+    """The t (nb,) for which v + 4 t x (1 - x) > p on each edge, as far as the points of the rule show it."""
     raises = np.zeros(len(constraint.unknowns))
     bubble = 4 * constraint.x * (1 - constraint.x)
     lacking = constraint.p - constraint.trace_and_slope(v)[0]
+    # at an edge's ends the bubble is 0, and v is at least p already
     ratio = np.where(bubble > 0, lacking / np.where(bubble > 0, bubble, 1.0), 0.0)
     np.maximum.at(raises, constraint.edge, np.max(ratio, axis=1))
     return MIDPOINT_OVERSHOOT * raises
@@ -215,7 +215,7 @@ def _extension_constants(mesh: Mesh, form: Form, foot: Array, height: Array) -> 
 
 
 def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
-    """The centres of extensions, by their place along each edge and their distance from it, (nb,) each."""
+    """The place of the foot x on each edge, and the height l, of the extensions' triangles, (nb,) each."""
     # the vertex off the edge, whose number is the sum of the triangle's numbers less both ends
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
@@ -224,6 +224,7 @@ def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
     height = -np.sum(apex * mesh.polygon.normals[mesh.side], axis=1)
     deepest = MAX_EXTENSION_LAYERS * math.sqrt(form.k / form.c) if form.c else math.inf
     depth = np.minimum(height, deepest)
+    # the third vertex moves down on the line to the edge's midpoint
     middle = 0.5 * np.diff(mesh.s)
     return middle + (along - middle) * (depth / height), depth
 
