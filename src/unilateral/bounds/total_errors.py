@@ -57,7 +57,7 @@ class ResidualBounds(NamedTuple):
 
 
 def bound_residual(residual: ResidualParts, missing_norm: float, B: float) -> ResidualBounds:
-    """The bounds from the parts of the residual."""
+    """The bounds from the parts of the residual; `missing_norm` and B are only passed on."""
     form = residual.form
     S_1, S = residual.dual_norms()
     m = e = e_N = math.inf
