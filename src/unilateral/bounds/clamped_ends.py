@@ -1,19 +1,17 @@
 """What the bounds know of the ends of clamped sides, for forces and reactions next to them (`forces`).
 
-lambda is a functional of functions that vanish on clamped sides. Near a vertex between such a side and one
-with contact, forces can only be told from reactions where lambda is known to be small. With the feasible v
-of `local_bounds`, its residual R, and S at least the norm of R on functions that vanish on clamped sides,
+Near a vertex between a clamped side and one with contact, forces can only be told from reactions where lambda
+is known to be small. With the feasible v of `local_bounds`, its residual R, and S at least the norm of R on
+functions that vanish on clamped sides,
 
-    |||u - v|||^2 = R(u - v) + <lambda - sigma, u - v>
-                 <= S |||u - v||| + <lambda, u - v> + <sigma, v - g>,
+    |||u - v|||^2 = R(u - v) + <lambda - sigma, u - v> <= S |||u - v||| + <lambda, u - v> + <sigma, v - g>,
 
 since <sigma, u - g> >= 0. Let v - g be at least gamma on a part of the boundary, and w have values from 0 to
 1 and vanish on the rest. v - gamma w is admissible, so <lambda, u - v> <= -gamma <lambda, w>, and
 
     gamma <lambda, w> <= <sigma, v - g> + S^2 / 4.
 
-The right side is small. The integral of lambda over that part is at most this over gamma (supplement,
-Proposition S16).
+So the integral of lambda over that part is at most this over gamma (supplement, Proposition S16).
 """
 
 from __future__ import annotations
@@ -54,8 +52,7 @@ def no_clamped_ends(n: int) -> ClampedEnds:
 class ReactionData(NamedTuple):
     """What is known of clamped sides: the form, and `outflows` (2, n) and `clamped_ends` of a `Bound`.
 
-    `reaction_bound` is that of the `Bound`, on the functional of reactions. The `total_force` is that of
-    `enclose_total_force`, if c = 0.
+    `reaction_bound` is that of the `Bound`; the `total_force` is that of `enclose_total_force`, if c = 0.
     """
 
     form: Form
@@ -90,6 +87,27 @@ def find_clamped_ends(
     """How far v - g is known to be positive on the sides with contact beside clamped ones."""
     n = mesh.polygon.n_sides
     clamped_ends = no_clamped_ends(n)._replace(gamma_force_bound=gamma_force_bound)
+    gap = _bound_edge_gaps(mesh, lifting, v_lower, normal_flux)
+    clamped = np.isin(np.arange(n), form.clamped)
+    lengths = np.diff(mesh.s)
+    # from each vertex between a clamped side and another one along this, as long as the gap is wide
+    for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
+        side = (vertex - 1) % n if clamped[vertex] else vertex
+        edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
+        wide = gap[edges] > MIN_GAP_FRACTION * max(gap[edges[0]], 0.0)
+        edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
+        # on a free side the gap is infinite: there is no g
+        if edges.size and np.isfinite(gap[edges]).all():
+            clamped_ends.gap_length[vertex] = lengths[edges].sum()
+            clamped_ends.gamma[vertex] = gap[edges].min()
+    return clamped_ends
+
+
+def _bound_edge_gaps(mesh: Mesh, lifting: Lifting, v_lower: Array, normal_flux: NormalFlux) -> Array:
+    """A lower bound on v - g on each boundary edge, (nb,): 0 next to contact, infinite without g.
+
+    At the nodes v is at least `v_lower` (n,), less what is subtracted there for the remainder of g.
+    """
     upper = np.full(len(mesh.side), -np.inf)
     remainder = np.zeros(len(mesh.side))
     np.maximum.at(upper, lifting.constraint.edge, lifting.constraint.g_upper)
@@ -103,18 +121,7 @@ def find_clamped_ends(
     # in contact v is p at the nodes, which the edges beside share
     in_contact = normal_flux.contact_scale > 0
     gap[in_contact | np.roll(in_contact, 1) | np.roll(in_contact, -1)] = 0.0
-    clamped = np.isin(np.arange(n), form.clamped)
-    lengths = np.diff(mesh.s)
-    # from each vertex between a clamped side and another one along this, as long as the gap is wide
-    for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
-        side = (vertex - 1) % n if clamped[vertex] else vertex
-        edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
-        wide = gap[edges] > MIN_GAP_FRACTION * max(gap[edges[0]], 0.0)
-        edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
-        if edges.size and np.isfinite(gap[edges]).all():
-            clamped_ends.gap_length[vertex] = lengths[edges].sum()
-            clamped_ends.gamma[vertex] = gap[edges].min()
-    return clamped_ends
+    return gap
 
 
 def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
@@ -161,15 +168,12 @@ def find_conflicts(sides: Index, reactions: ReactionData) -> list[tuple[int, int
 def conflict_allowances(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[float, float]:
     """How much the lower and the upper bound on a force lack at its conflicts."""
     allowances = [0.0, 0.0]
+    ends = reactions.clamped_ends
     lengths = np.diff(mesh.s)
     for vertex, which in find_conflicts(sides, reactions):
         first_length = lengths[boundary_index(mesh, vertex) - (vertex in reactions.form.clamped)]
-        is_bounded = first_length <= reactions.clamped_ends.gap_length[vertex]
-        # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16)
-        amount = (
-            reactions.clamped_ends.gamma_force_bound / reactions.clamped_ends.gamma[vertex]
-            if is_bounded
-            else np.inf
-        )
+        # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16); w falls on an edge
+        is_bounded = first_length <= ends.gap_length[vertex]
+        amount = ends.gamma_force_bound / ends.gamma[vertex] if is_bounded else np.inf
         allowances[which] = max(allowances[which], amount)
     return allowances[0], allowances[1]

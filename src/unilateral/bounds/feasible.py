@@ -12,7 +12,7 @@ for w(x + t (s - x), l (1 - t)) = t r(s) has the gradient (r', ((s - x) r' - r) 
 T is the mesh's triangle at e, or, where that is higher than 2 (k/c)^{1/2}, the one of this height whose third
 vertex lies on the line from the midpoint of e to the vertex of the mesh's triangle.
 Where g is smooth r' = O(h^2), and |w|_1 = O(h^{5/2}). At last a function of V_h is added that is at least
-the remainder on every edge where v + w >= g needs it. (u_h, lambda_H) says where there is contact.
+the remainder on every edge where v + w >= g needs it.
 
 On clamped edges v + w + more = u_D. As in contact r = p - v has any sign, and u_D - p is known up to its
 remainder, and its derivative in L2. At the nodes there the last function may have either sign. What is left
@@ -34,6 +34,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import NormalFlux
 from unilateral.bounds.constraint import BERNSTEIN_ROUNDING, Constraint, bernstein_bounds
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.fem.form import Form
 from unilateral.fem.p2 import BoundaryLayer, boundary_layer
 from unilateral.geometry.mesh import Mesh
@@ -103,7 +104,6 @@ def raise_to_obstacle(
         squares, complementarity, _ = _edge_shortfalls(constraint, form, v, any_sign, sigma)
         return EXTENSION_COST_RATIO * squares + 2 * complementarity
 
-    # of each edge the cheapest of three: r of any sign, (p - v)_+, and a midpoint above p
     contact_cost = cost(v, touching)
     plain_cost = cost(v, nowhere)
     lifted_cost = cost(v_lifted, nowhere) + bubble_square_norms * midpoint_raise**2
@@ -121,12 +121,13 @@ def bound_shortfall(
     q.n is linear on every edge, with the values `sigma` (nb, 2) at its ends.
     """
     mesh = constraint.mesh
-    triangle = constraint.mesh.boundary_triangles
-    squares, complementarity, remainder = _edge_shortfalls(
-        constraint.select_near_edges(v, contact_edges | sigma.any(axis=1)), form, v, contact_edges, sigma
-    )
+    triangle = mesh.boundary_triangles
+    # where q.n = 0 and v is above g nothing is missing
+    near = constraint.select_near_edges(v, contact_edges | sigma.any(axis=1))
+    squares, complementarity, remainder = _edge_shortfalls(near, form, v, contact_edges, sigma)
     # ||w||^2 of a triangle with two boundary edges is at most twice the sum of both squares
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
+    # each node gets the larger remainder of its two edges, edge i - 1 and edge i
     nodal_raise = np.maximum(remainder, np.roll(remainder, 1))
     is_clamped = constraint.clamped_edges | np.roll(constraint.clamped_edges, 1)
     # what is added at the nodes raises v on an edge by at most the larger value
@@ -143,10 +144,11 @@ def bound_shortfall(
 
 
 def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
-    """By how much each midpoint has to be raised for v > p, seen at the points of the rule, (nb,)."""
+    """The t (nb,) for which v + 4 t x (1 - x) > p on each edge, as far as the points of the rule show it."""
     raises = np.zeros(len(constraint.unknowns))
     bubble = 4 * constraint.x * (1 - constraint.x)
     lacking = constraint.p - constraint.trace_and_slope(v)[0]
+    # at an edge's ends the bubble is 0, and v is at least p already
     ratio = np.where(bubble > 0, lacking / np.where(bubble > 0, bubble, 1.0), 0.0)
     np.maximum.at(raises, constraint.edge, np.max(ratio, axis=1))
     return MIDPOINT_OVERSHOOT * raises
@@ -155,29 +157,24 @@ def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
 def _edge_shortfalls(
     constraint: Constraint, form: Form, v: Array, contact_edges: Mask, sigma: Array
 ) -> tuple[Array, Array, Array]:
-    """Bounds (nb,) on ||w||^2 and <q.n, v + w - g> per edge, and the remainder of g where v + w needs it."""
+    """Bounds (nb,) on ||w||^2 and <q.n, v + w - g> per edge, and the remainder of g where v + w needs it.
+
+    The `constraint` may have the intervals of some edges alone; the numbers of the others are 0. On
+    `contact_edges` (nb,) r has any sign. `sigma` (nb, 2) is q.n at the edges' ends.
+    """
     value, slope = constraint.trace_and_slope(v)
     any_sign = contact_edges[constraint.edge]
     v_rounding = BERNSTEIN_ROUNDING * np.abs(v[constraint.unknowns]).max(axis=1)
     remainder = constraint.remainder + 2 * v_rounding[constraint.edge]
-    # r = p - v, less the rounding where it stands for (p - v)_+
-    rounding = np.where(any_sign, 0.0, (constraint.rounding + v_rounding)[constraint.edge])
-    r = constraint.p - value - rounding[:, None]
+    # r = p - v, less the rounding where it stands for (p - v)_+, which then is 0 where v = p
+    rounding = (constraint.rounding + v_rounding)[constraint.edge]
+    r = constraint.p - value - np.where(any_sign, 0.0, rounding)[:, None]
     low, high = bernstein_bounds(r)
-    foot, height = _extension_apexes(constraint.mesh, form)
-    arm = constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None] - foot[constraint.edge][:, None]
-    r_prime = constraint.slope - slope
-    counts = (any_sign | (high > 0))[:, None]
-    r_squares = constraint.edge_integrals(r**2 * counts)
-    slope_squares = constraint.edge_integrals(r_prime**2 * counts)
-    arm_squares = constraint.edge_integrals((arm * r_prime) ** 2 * counts)
-    # k |w|_1^2 + c ||w||^2 by the formulas above, and the extension of u_D - p on clamped edges
-    squares = form.k * 0.5 * (height * slope_squares + (arm_squares + 2 * r_squares) / height)
-    squares += form.c * 0.25 * height * r_squares
-    constants = _extension_constants(constraint.mesh, form, foot, height)
-    squares = (np.sqrt(squares) + constraint.slope_remainder * np.sqrt(constants)) ** 2
+    # where r is positive somewhere on an interval its square is at least that of (p - v)_+
+    is_extended = (any_sign | (high > 0))[:, None]
+    squares = _extension_squares(constraint, form, r, constraint.slope - slope, is_extended)
     # v + w - p is -r where r is not extended, at most (-low)_+ where r_+ is, and 0 in contact
-    gap = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
+    gap = np.where(is_extended, np.maximum(-low, 0.0)[:, None], -r)
     gap = np.where(any_sign[:, None], 0.0, gap) + remainder[:, None]
     q_n = sigma[constraint.edge, :1] * (1 - constraint.x) + sigma[constraint.edge, 1:] * constraint.x
     complementarity = constraint.edge_integrals(np.where(q_n > 0, gap, 0.0) * q_n)
@@ -188,18 +185,37 @@ def _edge_shortfalls(
     return squares, complementarity, edge_remainder
 
 
+def _extension_squares(
+    constraint: Constraint, form: Form, r: Array, r_prime: Array, is_extended: Mask
+) -> Array:
+    """Bounds (nb,) on k |w|_1^2 + c ||w||^2, by the formulas of the module's docstring.
+
+    r and r' (K, Q) are extended from the intervals that `is_extended` (K, 1) marks. On clamped edges what p
+    leaves of u_D is extended, too, by the bound on its derivative.
+    """
+    foot, height = _extension_apexes(constraint.mesh, form)
+    arm = constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None] - foot[constraint.edge][:, None]
+    r_squares = constraint.edge_integrals(r**2 * is_extended)
+    slope_squares = constraint.edge_integrals(r_prime**2 * is_extended)
+    arm_squares = constraint.edge_integrals((arm * r_prime) ** 2 * is_extended)
+    squares = form.k * 0.5 * (height * slope_squares + (arm_squares + 2 * r_squares) / height)
+    squares += form.c * 0.25 * height * r_squares
+    constants = _extension_constants(constraint.mesh, form, foot, height)
+    return np.asarray((np.sqrt(squares) + constraint.slope_remainder * np.sqrt(constants)) ** 2)
+
+
 def _extension_constants(mesh: Mesh, form: Form, foot: Array, height: Array) -> Array:
     """Bounds on ||w||^2 for an r that vanishes at the ends of each edge, with ||r'||_e = 1, (nb,)."""
     lengths = np.diff(mesh.s)
     arm = np.maximum(np.abs(foot), np.abs(lengths - foot))
-    # ||r||_e <= |e| / pi, and |s - x| <= arm, in the formulas of the docstring above
+    # ||r||_e <= |e| / pi, and |s - x| <= arm, in the formulas of the module's docstring
     r_square = (lengths / math.pi) ** 2
     gradient_square = 0.5 * (height + (arm**2 + 2 * r_square) / height)
     return np.asarray(form.k * gradient_square + form.c * 0.25 * height * r_square)
 
 
 def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
-    """The centres of extensions, by their place along each edge and their distance from it, (nb,) each."""
+    """The place of the foot x on each edge, and the height l, of the extensions' triangles, (nb,) each."""
     # the vertex off the edge, whose number is the sum of the triangle's numbers less both ends
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
@@ -208,15 +224,42 @@ def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
     height = -np.sum(apex * mesh.polygon.normals[mesh.side], axis=1)
     deepest = MAX_EXTENSION_LAYERS * math.sqrt(form.k / form.c) if form.c else math.inf
     depth = np.minimum(height, deepest)
+    # the third vertex moves down on the line to the edge's midpoint
     middle = 0.5 * np.diff(mesh.s)
     return middle + (along - middle) * (depth / height), depth
 
 
 def find_contact(constraint: Constraint, trace: Array, contact_scale: Array) -> Mask:
-    """Which P2 unknowns (n,) are in contact: u_h - g is below CONTACT_GAP_RATIO H_i lambda_i / k there."""
+    """Which P2 unknowns (2 nb,) of u_h are in contact: u_h - g < CONTACT_GAP_RATIO H_i lambda_i / k there."""
+    # H_i lambda_i / k of an edge; of a node it is the larger one of both edges
     largest = np.zeros(len(trace))
     np.maximum.at(largest, constraint.unknowns, contact_scale[:, None])
     return trace - constraint.p_at_unknowns < CONTACT_GAP_RATIO * largest
+
+
+class Lift(NamedTuple):
+    """y, which makes a function feasible: hats and bubbles, extensions w, and hats for the remainder of g.
+
+    `nodal` and `bubbles` (nb,) are the coefficients of the first part at boundary nodes and edges. Of the
+    other two only norms are known: that of w by `shortfall`, and that of the hats, squared, by triangles of
+    the layer, `remainder_squares` (k,). Underflow takes at most `underflow` from a norm.
+    """
+
+    nodal: Array
+    bubbles: Array
+    shortfall: Shortfall
+    remainder_squares: Array
+    underflow: float
+
+    @property
+    def remainder_norm(self) -> float:
+        """A bound on the energy norm of the hats for the remainder of g."""
+        return math.sqrt(float(self.remainder_squares.sum()))
+
+    @property
+    def missing_norm(self) -> float:
+        """A bound on the energy norm of what y is beside its hats and bubbles."""
+        return (1 + SQUARES_ROUNDING) * (self.shortfall.extension_norm + self.remainder_norm) + self.underflow
 
 
 class Lifting(NamedTuple):
@@ -232,12 +275,12 @@ class Lifting(NamedTuple):
     sigma: Array
 
     def meet_obstacle(self, nodal: Array) -> tuple[Array, Array]:
-        """The hats and bubbles to add to values at boundary nodes, to be g in contact, (nb,) each."""
+        """The hats and bubbles, (nb,) each, to add to a trace of V_h for it to be g where in contact."""
         before = _p2_trace(nodal, np.zeros_like(nodal))
         return _p2_coefficients(np.where(self.contact, self.constraint.p_at_unknowns - before, 0.0))
 
-    def make_feasible(self, nodal: Array, bubbles: Array) -> tuple[Array, Array, Shortfall]:
-        """The hats and bubbles (nb,) to add to these to be feasible, and the shortfall that is left then."""
+    def make_feasible(self, nodal: Array, bubbles: Array) -> Lift:
+        """The lift to add to a function with these hats and bubbles (nb,) on the boundary to be feasible."""
         before = _p2_trace(nodal, bubbles)
         v, contact_edges = raise_to_obstacle(
             self.constraint,
@@ -248,7 +291,9 @@ class Lifting(NamedTuple):
             bubble_square_norms=self.layer.bubble_square_norms(self.form),
         )
         shortfall = bound_shortfall(self.constraint, self.form, v, contact_edges, self.sigma)
-        return *_p2_coefficients(v - before), shortfall
+        nodal, bubbles = _p2_coefficients(v - before)
+        underflow = underflow_allowance(self.layer.mesh, self.form)
+        return Lift(nodal, bubbles, shortfall, self.remainder_squares(shortfall), underflow)
 
     def remainder_squares(self, shortfall: Shortfall) -> Array:
         """Bounds (k,) on the squared energy norms, by triangles of the layer, of what the remainder adds."""
@@ -259,12 +304,9 @@ class Lifting(NamedTuple):
         if not np.any(shortfall.nodal_change):
             return raise_squares
         values, _ = self.layer.function(shortfall.nodal_change, no_bubbles)
-        hat_squares = (
-            self.layer.square_norms(self.form, np.broadcast_to(hat, values.shape), 0 * values)
-            for hat in np.eye(3)
-        )
         change_norms = sum(
-            np.sqrt(squares) * value for squares, value in zip(hat_squares, values.T, strict=True)
+            np.sqrt(self.layer.square_norms(self.form, np.broadcast_to(hat, values.shape), 0 * values)) * size
+            for hat, size in zip(np.eye(3), values.T, strict=True)
         )
         return (np.sqrt(raise_squares) + change_norms) ** 2
 

@@ -46,20 +46,23 @@ def misfit(mesh: Mesh, u_h: Array, q: Array, triangles: Index | slice, k: float 
 
 
 def _misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Array], area: Array) -> Array:
-    """grad u - q at the nodes of triangles, from u and the inflows there, (2, 3, m).
+    """grad u - q at the nodes of triangles, (2, 3, m), from u (3, m) at the nodes and `triangle_inflows`.
 
-    At a node the flow in through the edge to the next node and the flow out through the edge from the node
-    before determine q.
+    With e_i the edge opposite to node i as a vector anticlockwise, and e_i' that turned to the left,
+
+        2 |T| grad u = sum_i u_i e_i',     - 2 |T| q(x_i) = first_k e_j - last_j e_k,
+
+    for at x_i the edge e_k begins and e_j ends, and q.n on these two is known from the inflows there.
     """
     first, last = inflows
     field = np.empty((2, *u.shape), dtype=u.dtype)
     points = mesh.points.ravel()
     x = points.take(2 * node)
     y = points.take(2 * node + 1)
-    # grad u = sum_i u_i (edge opposite to i, turned) / (2 |T|), and q at a node = flows times edges / (2 |T|)
-    edge_vectors = [[z[k] - z[j] for _, j, k in CYCLIC_CORNERS] for z in (x, y)]
-    for values, e, sign, f in zip(field, edge_vectors, (-1, 1), edge_vectors[::-1], strict=True):
-        slope = sign * (u[0] * f[0] + u[1] * f[1] + u[2] * f[2])
+    e_x = [x[k] - x[j] for _, j, k in CYCLIC_CORNERS]
+    e_y = [y[k] - y[j] for _, j, k in CYCLIC_CORNERS]
+    for values, e, sign, turned in ((field[0], e_x, -1, e_y), (field[1], e_y, 1, e_x)):
+        slope = sign * (u[0] * turned[0] + u[1] * turned[1] + u[2] * turned[2])
         for i, j, k in CYCLIC_CORNERS:
             np.add(slope, e[j] * first[k] - e[k] * last[j], out=values[i])
     field *= 0.5 / area
@@ -104,7 +107,7 @@ def add_lift_to_residual(
 ) -> None:
     """Make the parts for u_h those for u_h + y; y has these coefficients (m, 3) on the layer's triangles.
 
-    There s' becomes infinite.
+    There s' becomes infinite, and all parts are written anew: what is given on free sides is added again.
     """
     v = u_h.take(residual.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(residual.mesh, q)[layer.triangles]
@@ -125,46 +128,34 @@ def _fill_residual(
     """Put in the parts on some triangles, but for rho of `boundary_flux`.
 
     v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats'
-    `hat_gradients`.
+    `hat_gradients`. The `stretch_allowance` (m,) is their `stretched_divergence`.
     """
     mesh = residual.mesh
     form = residual.form
-    k = form.k
-    c = form.c
     area = mesh.areas[triangles]
     inflows = triangle_inflows(mesh, q, triangles)
-    f_h = source.f_h[triangles].T
-    field = _misfit_at_nodes(mesh, mesh.triangles[triangles].T, k * v, inflows, area)
-    divergence = -0.5 * (_sum_rows(inflows[0]) + _sum_rows(inflows[1])) / area
-
-    # the mean of f_h - c v, and the norm of p - c v less that
-    g = f_h - c * v
-    if bubbles is None or hat_gradients is None:
-        size = _max_rows(np.abs(v))
-        mean = _sum_rows(g) / 3
-        linear_squares = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
-        # p - f_h is orthogonal to a linear f_h - c v
-        mean_free = np.sqrt(linear_squares + source.oscillation[triangles] ** 2)
-    else:
-        size = _max_rows(np.abs(v)) + np.abs(bubbles).sum(axis=1)
-        field += k * gradients_at_nodes(hat_gradients, 0 * bubbles, bubbles).transpose(2, 1, 0)
-        mean = (_sum_rows(g) - c * bubbles.sum(axis=1)) / 3
-        mean_free = (
-            np.sqrt(quadratic_square_norms(area, (g - mean).T, -c * bubbles)) + source.oscillation[triangles]
-        )
+    field = _misfit_at_nodes(mesh, mesh.triangles[triangles].T, form.k * v, inflows, area)
+    v_size = _max_rows(np.abs(v))
+    if bubbles is not None and hat_gradients is not None:
+        field += form.k * gradients_at_nodes(hat_gradients, 0 * bubbles, bubbles).transpose(2, 1, 0)
+        v_size = v_size + np.abs(bubbles).sum(axis=1)
     misfit_allowance, rho_allowance = rounding_allowances(
-        mesh, triangles, size, f_h, inflows, form, stretch_allowance
+        mesh, triangles, v_size, source.f_h[triangles].T, inflows, form, stretch_allowance
     )
+
+    # m, o, r, E of `residual_norm`; sqrt(|T|) times a bound on a function bounds its norm
+    div_q = -0.5 * (_sum_rows(inflows[0]) + _sum_rows(inflows[1])) / area
+    mean, mean_free = _split_source(source, triangles, v, bubbles, form.c)
     length = np.sqrt(area)
     residual.misfit[triangles] = (
         np.sqrt(linear_square_norms(area, field.transpose(2, 1, 0))) + length * misfit_allowance
     )
     residual.oscillation[triangles] = mean_free + source.jumps[triangles]
-    residual.mean[triangles] = length * np.abs(mean + divergence)
+    residual.mean[triangles] = length * np.abs(mean + div_q)
     residual.remainder[triangles] = source.remainder[triangles] + length * rho_allowance
 
-    # s', which is for linear v
-    thick = np.flatnonzero(c * mesh.longest_edges[triangles] ** 2 > k)
+    # s' is for linear v, and smaller than s only where T is larger than (k/c)^{1/2}
+    thick = np.flatnonzero(form.c * mesh.longest_edges[triangles] ** 2 > form.k)
     if thick.size and bubbles is not None:
         residual.s_prime[triangles] = math.inf
     elif thick.size:
@@ -177,6 +168,22 @@ def _fill_residual(
         )
 
 
+def _split_source(
+    source: Source, triangles: slice | Index, v: Array, bubbles: Array | None, c: float
+) -> tuple[Array, Array]:
+    """The mean of f_h - c v on triangles, (m,), and the norm (m,) of p - c v less that; v as above."""
+    area = source.mesh.areas[triangles]
+    f_h = source.f_h[triangles].T
+    g = f_h - c * v
+    if bubbles is None:
+        linear_squares = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
+        # p - f_h is orthogonal to a linear f_h - c v
+        return _sum_rows(g) / 3, np.sqrt(linear_squares + source.oscillation[triangles] ** 2)
+    mean = (_sum_rows(g) - c * bubbles.sum(axis=1)) / 3
+    g_squares = quadratic_square_norms(area, (g - mean).T, -c * bubbles)
+    return mean, np.sqrt(g_squares) + source.oscillation[triangles]
+
+
 def bound_by_parts(
     mesh: Mesh, triangles: Index, misfit: Array, source_norm: Array, misfit_allowance: Array, form: Form
 ) -> Array:
@@ -185,7 +192,8 @@ def bound_by_parts(
     The `misfit` k grad v - q has these values (2, 3, m) at the nodes, up to `misfit_allowance` (m,);
     `source_norm` (m,) are bounds on ||f - c v||_T.
     """
-    # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
+    # the exact mesh changes grad v, too: by eps k |grad v|, and k |grad v| is at most |q - k grad v| + |q|;
+    # eps |q| is in `misfit_allowance`, which therefore counts twice
     allowance = 2 * misfit_allowance + mesh.distortion[triangles] * _max_rows(np.hypot(misfit[0], misfit[1]))
     corners = mesh.points[mesh.triangles[triangles]].transpose(2, 1, 0)
     area = mesh.areas[triangles]
@@ -198,7 +206,7 @@ def bound_by_parts(
         end = (misfit[0, k] * y - misfit[1, k] * x) / length
         norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * allowance
         a[i] = np.sqrt(length / area) * norm
-    # x_0, R and s' of the docstring above
+    # x_0, R and s' of the module's docstring
     total = _sum_rows(a)
     x_0 = (a * corners).sum(axis=1) / total
     R = _max_rows(np.hypot(*(corners - x_0[:, None])))

@@ -16,22 +16,18 @@ given there is no part of lambda, in E neither.
 The same holds for reactions, the integrals of k du/dn over clamped sides, whose sign is not known: there
 w is 1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is the `reaction_bound`.
 Clamped sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and
-one with contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece
-of the side with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
-Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
-a large force near the vertex and the opposite reaction have hardly any norm together.
+one with contact, w passes from 1 to 0 beside it, and one of the bounds lacks what `clamped_ends` bounds. It
+is infinite where nothing is known of v - g, and has to be where u = g at the vertex: there a large force and
+the opposite reaction have hardly any norm together.
 
-If c = 0, the sum of all forces and reactions is known: (1.1) with v = 1 says that it is - int f - int q
-(`enclose_total_force`).
+If c = 0, the sum of all forces and reactions is - int f - int q, by (1.1) with v = 1 (`enclose_total_force`).
 
-w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
-and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
-beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
-is known: k^(-1/2) N(w) is not below |v|_S, for v its values at the boundary nodes and S the Schur complement
-on these, and it is |v|_S if w is extended as S has it (`force_mesh`). What is guaranteed does not rest on
-that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the
-rest only at vertices, which are nodes. And N(w) is computed from all values of w. On the exact mesh, see
-`geometry.exact_mesh`, it is at most `exact_mesh_factor` times as large.
+w is continuous, and linear on the triangles of a mesh of its own, which is graded towards the ends of sides
+and of contact where there is a load, as w is steep there. On the mesh the best w is known: k^(-1/2) N(w) is
+not below |v|_S, for v its values at the boundary nodes and S the Schur complement on these, and it is |v|_S
+if w is extended as S has it (`force_mesh`). What is guaranteed does not rest on that: N(w) is computed from
+all values of w, and as v is not below c at the nodes, w is not on the edges, which lie in P or in the rest.
+On the exact mesh (`geometry.exact_mesh`) N(w) is at most `exact_mesh_factor` times as large.
 """
 
 from __future__ import annotations
@@ -104,44 +100,38 @@ def bound_forces(
     reactions = reactions or no_reactions(mesh.polygon.n_sides)
     sides = [np.setdiff1d([*side_set], reactions.form.free).astype(int) for side_set in side_sets]
     values = [
-        float(
-            partition.lengths @ (lambda_H * np.isin(partition.side, side_set))
-            + reactions.outflows[0, side_set].sum()
-        )
-        for side_set in sides
+        float(partition.lengths @ (lambda_H * np.isin(partition.side, P)) + reactions.outflows[0, P].sum())
+        for P in sides
     ]
     lower, upper = np.zeros((2, len(side_sets)))
+    # what has reactions has the error of fluxes and any sign, a force alone that of lambda, and it is >= 0
     signed = np.array([bool({*side_set} & {*reactions.form.clamped}) for side_set in sides], dtype=bool)
-    # what has reactions has the error of fluxes, a force alone that of lambda, and it is not negative
-    for chosen, error in (
+    for chosen, error_bound in (
         (np.flatnonzero(signed), reactions.reaction_bound),
         (np.flatnonzero(~signed), multiplier_bound),
     ):
+        # on free sides alone lambda is 0
         chosen = chosen[[sides[k].size > 0 for k in chosen]]
-        if chosen.size and error < np.inf:
+        if chosen.size:
+            chosen_sides = [sides[k] for k in chosen]
             lower[chosen], upper[chosen] = _force_bounds(
-                mesh, partition, lambda_H, error, [sides[k] for k in chosen], reactions
+                mesh, partition, lambda_H, error_bound, chosen_sides, reactions
             )
-        elif chosen.size:
-            lower[chosen] = -np.inf
-            upper[chosen] = np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
-    # The sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
+    # the sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
     if reactions.total_force and reactions.total_force[1] < math.inf:
         n_not_free = mesh.polygon.n_sides - len(reactions.form.free)
         for k in np.flatnonzero([len(side_set) == n_not_free for side_set in sides]).tolist():
             lower[k] = max(lower[k], reactions.total_force[0])
             upper[k] = min(upper[k], reactions.total_force[1])
             values[k] = float(0.5 * (lower[k] + upper[k]))
-    bounds = zip(values, lower.tolist(), upper.tolist(), strict=True)
-    return [Force(value, below, above) for value, below, above in bounds]
+    return list(map(Force, values, lower.tolist(), upper.tolist()))
 
 
 def enclose_total_force(source: Source, flux: GivenFlux) -> tuple[float, float]:
     """Two numbers between which - int f - int q lies, for f on a mesh and q on the sides of its polygon.
 
-    Of f the means on triangles are known up to their `remainder`. Areas change by the square of 1 + the
-    distortion, and lengths by the stretch.
+    Areas change by the square of 1 + the distortion, and lengths by the stretch.
     """
     mesh = source.mesh
     polygon = source.mesh.polygon
@@ -171,25 +161,36 @@ def _force_bounds(
     side_sets: list[Index],
     reactions: ReactionData,
 ) -> tuple[Array, Array]:
-    """Numbers below and above the forces over sets of sides that are not free, (k,) each."""
+    """Lower and upper bounds on the forces over sets of sides that are not free, (k,) each."""
+    if not error_bound < math.inf:
+        return np.full(len(side_sets), -math.inf), np.full(len(side_sets), math.inf)
+    best = _build_least_bound(mesh, partition, lambda_H, error_bound, reactions)
+    limits = [_nodal_lower_bounds(best.mesh, sides, reactions) for sides in side_sets]
+    above = np.column_stack([c for c, _ in limits])
+    below = np.column_stack([c for _, c in limits])
+    # <lambda_H, w> has the integrals of q.n over clamped sides; what w cannot reach at conflicts is lacking
+    flows, magnitudes = np.array([reactions.outflows[:, sides].sum(axis=1) for sides in side_sets]).T
+    flow_rounding = (SQUARES_ROUNDING + mesh.polygon.stretch.max()) * magnitudes
+    conflicts = np.array([conflict_allowances(best.mesh, sides, reactions) for sides in side_sets]).T
+    lacking = conflicts + flow_rounding
+    # the search for w begins where w >= c is an equation: on P, and where lambda_H pushes
+    active = (above > 0) | (above == 0) & (best.load > 0)[:, None]
+    # for the lower bound -w takes the place of w: there <lambda_H, -w> + E N(w) is least
+    lower = flows - best.minimise(below, np.isfinite(below)) - lacking[0]
+    return lower, flows + best.minimise(above, active) + lacking[1]
+
+
+def _build_least_bound(
+    mesh: Mesh, partition: Partition, lambda_H: Array, error_bound: float, reactions: ReactionData
+) -> LeastBound:
+    """The `LeastBound` for this error bound, on a mesh that is made for lambda_H and it."""
     # with k^{-1/2} N in place of N, E gets the factor k^{1/2}
     E = math.sqrt(reactions.form.k) * error_bound
     load = lambda_H / max(E, MIN_BOUND_PER_FORCE * float(partition.lengths @ lambda_H), MIN_FORCE_BOUND)
-    force_mesh, space = condense_force_mesh(mesh, partition, load, reactions)
+    force_mesh, condensed = condense_force_mesh(mesh, partition, load, reactions)
     pairing, load = (coupling(force_mesh, partition).T @ np.column_stack([lambda_H, load])).T
-    exact = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
-    best = LeastBound(force_mesh, space, pairing, E, load, exact, Form(c=reactions.depth**-2))
-    limits = [_nodal_lower_bounds(force_mesh, sides, reactions) for sides in side_sets]
-    above = np.column_stack([c for c, _ in limits])
-    below = np.column_stack([c for _, c in limits])
-    flows, magnitudes = np.array([reactions.outflows[:, sides].sum(axis=1) for sides in side_sets]).T
-    flow_rounding = (SQUARES_ROUNDING + mesh.polygon.stretch.max()) * magnitudes
-    conflicts = np.array([conflict_allowances(force_mesh, sides, reactions) for sides in side_sets]).T
-    lacking = conflicts + flow_rounding
-    # the search for w begins where w >= c is an equation: on P, and where lambda_H pushes
-    active = (above > 0) | (above == 0) & (load > 0)[:, None]
-    lower = flows - best.minimise(below, np.isfinite(below)) - lacking[0]
-    return lower, flows + best.minimise(above, active) + lacking[1]
+    is_fixed = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
+    return LeastBound(force_mesh, condensed, pairing, E, load, is_fixed, Form(c=reactions.depth**-2))
 
 
 def _nodal_lower_bounds(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[Array, Array]:
@@ -219,9 +220,8 @@ def _nodal_lower_bounds(mesh: Mesh, sides: Index, reactions: ReactionData) -> tu
 class LeastBound:
     """The least of <lambda_H, w> + E |||w||| on a mesh with its `condensed`, or among constants without one.
 
-    `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, `load` (nb,) is about
-    `pairing` over E, and `E` is E. At the nodes `is_fixed` (nb,) w is given. |||w||| is that of the
-    `norm_form`.
+    `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, and `load` (nb,) is
+    about `pairing` over E. At the nodes `is_fixed` (nb,) w is given. |||w||| is that of the `norm_form`.
     """
 
     mesh: Mesh
@@ -244,6 +244,7 @@ class LeastBound:
             best = constants[1 + c.max(axis=0).astype(int)]
         if self.condensed:
             v = minimise_linear_plus_norm(self.condensed.A_3, self.load, c, active, self.is_fixed)
+            # w = 0 is among the constants
             columns = np.flatnonzero(v.any(axis=0) | self.is_fixed.any())
             if columns.size:
                 w = extend_with_least_norm(self.condensed, v[:, columns])
@@ -258,8 +259,8 @@ class LeastBound:
         """
         trace = w[self.mesh.boundary]
         polygon = self.mesh.polygon
-        l = self.pairing[:, None]  # noqa: E741
-        edge_changes = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
+        nodal = self.pairing[:, None]
+        edge_changes = (nodal + np.roll(nodal, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         place_rounding = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ edge_changes
         error = (SQUARES_ROUNDING + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + place_rounding
         norms = (1 + SQUARES_ROUNDING) * np.array(

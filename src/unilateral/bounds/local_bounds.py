@@ -9,36 +9,35 @@ norm, B = <sigma, u_h + y - g>, and D the energy norm of y. Then
 With v = u_h + y in place of u_h, and 0 in place of y, the second says ||lambda - sigma||^2 <= S^2 + 2 B;
 the smaller one is taken.
 
-S is that of `residual_norm` for a flux q with q.n = sigma on these sides, made by `equilibrate_flux` with the
-flux tau~ near the one that is given on free sides (`boundary_flux`). What tau~ leaves of that, what the
-enclosure of f misses (`source`), and what rounding may have done on a triangle are parts of the residual. y
-is what makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is
-assumed of u_h and lambda_H.
+S is that of `residual_norm` for a flux q by `equilibrate_flux`. q.n is sigma on these sides, and tau~, near
+the given flux, on free ones (`boundary_flux`). What tau~ leaves of that, what the enclosure of f misses
+(`source`), and rounding are parts of the residual. y (`feasible`) is 0 but on the triangles at boundary
+nodes. Nothing is assumed of u_h and lambda_H.
 
-u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`), a triangulation
-of the polygon itself. What that changes of differences is added like rounding, and the rest is in
-`exact_mesh_factor`.
+u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`). What that changes
+of differences is added like rounding, and the rest is in `exact_mesh_factor`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import build_normal_flux
+from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux
 from unilateral.bounds.clamped_ends import ClampedEnds, find_clamped_ends, no_clamped_ends, outflows
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.equilibrated_flux import equilibrate_flux
-from unilateral.bounds.feasible import build_lifting
+from unilateral.bounds.feasible import Lift, build_lifting
 from unilateral.bounds.flux_residuals import add_lift_to_residual, residual_parts
-from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import bound_residual, bound_total_errors
+from unilateral.bounds.total_errors import ResidualBounds, TotalErrors, bound_residual, bound_total_errors
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
+from unilateral.fem.p2 import BoundaryLayer
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -65,7 +64,7 @@ class Bound:
     eta
         A bound on (S^2 + 2 B)^{1/2} for the v of this bound.
     shares : (triangles,)
-        Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2. Their sum is at most that and, but for
+        Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2, whose sum is at most that and, but for
         rounding, at least u^2 / 6.
     lift : (2, boundary edges)
         Of the cheap bound: the coefficients of y at boundary nodes, and of the bubbles of boundary edges.
@@ -99,74 +98,99 @@ def local_bound(
 ) -> Bound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on free and on clamped sides.
 
-    On the free ones the flux is that of the `data`, which are enclosed for the same form. The flux q is made
-    from the `potential` (n,), by default u_h. Around each node it can only be in equilibrium if the potential
-    solves the discrete equation with lambda_H. So for a u_h of another program the potential is that
-    solution: q made from u_h itself would be away from grad u by the residual of u_h divided by h.
+    The `data` are enclosed for the same form. The flux q is made from the `potential` w (n,), by default u_h.
+    Around each node it can only be in equilibrium if w solves the discrete equation with lambda_H. So for a
+    u_h of another program w is that solution: q made from u_h would be away from grad u by the residual of
+    u_h divided by h. The nearer w and lambda_H are to the discrete solution, the sharper the bounds are.
 
-    The nearer the potential and lambda_H are to the discrete solution, the sharper the bounds are. Raises
-    InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on
-    such a side.
+    Raises InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or
+    not 0 on such a side.
     """
     mesh = data.mesh
-    source = data.source
     tau = data.given_flux
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
-    flux = build_normal_flux(mesh, partition, lambda_H, w, form)
-    q = equilibrate_source(source, w, flux.end_values + tau.end_values, form)
 
-    # y, and what is missing of u_h + y >= g; D = ||y||, B = <sigma, u_h + y - g> (S8.1)
-    lift = build_lifting(data.constraint, form, u_h, flux)
-    layer = lift.layer
-    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    hats, bubbles = layer.function(nodal, edge_bubbles)
-    y_squares = layer.square_norms(form, hats, bubbles)
-    raise_squares = lift.remainder_squares(shortfall)
-    raise_norm = math.sqrt(float(raise_squares.sum()))
-    underflow = underflow_allowance(mesh, form)
-    missing_norm = (1 + SQUARES_ROUNDING) * (shortfall.extension_norm + raise_norm) + underflow
-    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + missing_norm
+    # sigma near lambda_H, and q with q.n = sigma on sides with contact, q.n = tau~ on free ones (S8.1)
+    sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
+    q = equilibrate_source(data.source, w, sigma.end_values + tau.end_values, form)
 
-    # S of the residuals of u_h and of the feasible v = u_h + y (Lemma S18); tau~ leaves tau_error of p
-    tau_error = tau.projection_error(mesh, form)
-    residual = residual_parts(source, tau, u_h, q, form)
-    u_residual = bound_residual(residual, tau_error, shortfall.complementarity)
-    shares = residual.shares()
-    add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
-    v_residual = bound_residual(residual, missing_norm + tau_error, shortfall.complementarity)
-    # Theorem 8 (Proposition S14)
+    # y with u_h + y >= g, D = |||y|||; B = <sigma, u_h + y - g> is its `complementarity`
+    lifting = build_lifting(data.constraint, form, u_h, sigma)
+    y = lifting.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    y_squares = lifting.layer.square_norms(form, *lifting.layer.function(y.nodal, y.bubbles))
+    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + y.missing_norm
+
+    # S of u_h and of the feasible v = u_h + y (Lemma S18), and Theorem 8 (Proposition S14)
+    u_residual, v_residual, S_shares = _bound_residuals(data, u_h, q, lifting.layer, y, form)
+    distance = sigma.multiplier_distance(mesh, form)
     errors = bound_total_errors(
-        mesh.exact_mesh_factor,
-        u_residual,
-        v_residual,
-        D=D,
-        D_clamped=D,
-        sigma_distance=flux.multiplier_distance(mesh, form),
+        mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D, sigma_distance=distance
     )
 
-    # v at the boundary nodes may be below u_h where u_h is above u_D
+    # a lower bound on v at nodes, for on clamped sides y is negative where u_h is above u_D
     v_lower = u_h.copy()
-    v_lower[mesh.boundary] += np.minimum(nodal, 0.0)
-    clamped_ends = find_clamped_ends(mesh, form, lift, v_lower, flux, errors.gamma_force_bound)
+    v_lower[mesh.boundary] += np.minimum(y.nodal, 0.0)
+    return replace(
+        collect_bounds(data, form, errors, D, y.remainder_norm, outflows(mesh, form, q)),
+        shares=_add_lift_shares(S_shares, lifting.layer, y_squares, y, tau, form),
+        lift=np.stack([y.nodal, y.bubbles]),
+        clamped_ends=find_clamped_ends(mesh, form, lifting, v_lower, sigma, errors.gamma_force_bound),
+    )
 
-    # the part of the bounds that is 0 for polynomial data, and the triangles' parts of S^2 + 2 B + D^2
-    remainder = raise_norm + tau.remainder_dual_norm(mesh, form)
-    shares[layer.triangles] += y_squares + raise_squares
-    edge_shares = shortfall.extension_squares + 2 * shortfall.edge_complementarity + tau.shares(mesh, form)
+
+def _bound_residuals(
+    data: EnclosedData, u_h: Array, q: Array, layer: BoundaryLayer, y: Lift, form: Form
+) -> tuple[ResidualBounds, ResidualBounds, Array]:
+    """The bounds on the residuals of u_h and of v = u_h + y with q, and u_h's S^2 by triangles, (m,)."""
+    source = data.source
+    tau = data.given_flux
+    B = y.shortfall.complementarity
+    # what tau~ leaves of the given flux; its dual norm is added to S
+    tau_error = tau.projection_error(data.mesh, form)
+    residual = residual_parts(source, tau, u_h, q, form)
+    u_residual = bound_residual(residual, tau_error, B)
+    S_shares = residual.shares()
+    # of v the hats and bubbles of y enter the residual, the norm of what else is in y is added to S
+    hats, bubbles = layer.function(y.nodal, y.bubbles)
+    add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
+    v_residual = bound_residual(residual, y.missing_norm + tau_error, B)
+    return u_residual, v_residual, S_shares
+
+
+def _add_lift_shares(
+    S_shares: Array, layer: BoundaryLayer, y_squares: Array, y: Lift, tau: GivenEdgeFlux, form: Form
+) -> Array:
+    """The triangles' parts (m,) of S^2 + 2 B + D^2, from those of S^2 and the squared norms of y.
+
+    D is the sum of the norms of the three parts of y; here their squares are added, at least a third of D^2.
+    """
+    mesh = layer.mesh
+    shares = S_shares.copy()
+    shares[layer.triangles] += y_squares + y.remainder_squares
+    complementarity = 2 * y.shortfall.edge_complementarity
+    edge_shares = y.shortfall.extension_squares + complementarity + tau.shares(mesh, form)
     np.add.at(shares, mesh.boundary_triangles, edge_shares)
+    return shares
+
+
+def collect_bounds(
+    data: EnclosedData, form: Form, errors: TotalErrors, D: float, remainder_norm: float, outflows: Array
+) -> Bound:
+    """The Bound of these total errors; `remainder_norm` is that of the hats for the remainder of g."""
+    # what g and tau leave, and what f leaves times W, where ||z||_0 <= W |||z|||
+    remainder = remainder_norm + data.given_flux.remainder_dual_norm(data.mesh, form)
+    W = form.value_constant
     return Bound(
         u=errors.u,
-        lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
+        # without a side for contact lambda is 0
+        lambda_=errors.lambda_ if form.has_multiplier(data.mesh.side).any() else 0.0,
         lift_norm=D,
-        data_remainder=form.value_constant * source.remainder_norm + remainder,
-        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
-        outflows=outflows(mesh, form, q),
+        data_remainder=W * data.source.remainder_norm + remainder,
+        irreducible_remainder=remainder + W * data.source.irreducible_remainder,
+        outflows=outflows,
         reaction_bound=errors.reaction_bound,
         eta=errors.eta,
-        shares=shares,
-        lift=np.stack([nodal, edge_bubbles]),
-        clamped_ends=clamped_ends,
     )
 
 

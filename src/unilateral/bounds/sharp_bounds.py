@@ -4,8 +4,7 @@ Symbols as in `total_errors`: u_h + y is feasible, D = |||y|||, B = <sigma, u_h 
 residual on functions that vanish on clamped sides; s' is the second bound of `residual_norm` on a triangle.
 
 The bounds follow from the residuals of u_h and of a feasible v with one flux q (`bound_total_errors`). Both v
-and q begin with w of V_h, which is u_h or near it, and with the flux of `equilibrate_flux` for w
-(`balance_potential`).
+and q begin with w of V_h, u_h or near it, and the flux of `equilibrate_flux` for w (`balance_potential`).
 
 The flux gets a divergence that is linear on each triangle T. With p = c w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
@@ -43,7 +42,7 @@ from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux, no
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.equilibrated_flux import triangle_inflows
-from unilateral.bounds.feasible import Lifting, build_lifting
+from unilateral.bounds.feasible import Lift, Lifting, build_lifting
 from unilateral.bounds.flux_residuals import (
     SUM_ROUNDING,
     add_given_flux_remainder,
@@ -52,15 +51,16 @@ from unilateral.bounds.flux_residuals import (
     rounding_allowances,
     stretched_divergence,
 )
-from unilateral.bounds.local_bounds import Bound, check_discrete_solution, equilibrate_source
-from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts, underflow_allowance
+from unilateral.bounds.local_bounds import Bound, check_discrete_solution, collect_bounds, equilibrate_source
+from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import bound_residual, bound_total_errors
+from unilateral.bounds.total_errors import ResidualBounds, bound_residual, bound_total_errors
 from unilateral.fem.condense import form_matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solve_sparse
 from unilateral.fem.p1 import edge_load, lumped_mass, subtract_lift_from_load
 from unilateral.fem.p2 import QuadraticSpace, linear_square_norms, quadratic_space, quadratic_square_norms
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 
 MIN_RELATIVE_GAIN = 0.01
@@ -78,7 +78,7 @@ There s' of `flux_residuals` counts, for u_h.
 MAX_IMBALANCE_FRACTION = 0.01
 """What w leaves of the discrete equations may be this fraction of the squared error of w in L2, over W^4.
 
-W is that of ||z||_0 <= W ||z||. The error is like W min(h/W, k^{1/2}) ||q - k grad w|| / k on a triangle.
+W is that of ||z||_0 <= W |||z|||.
 """
 
 
@@ -90,78 +90,81 @@ def sharp_bound(
     form: Form,
     potential: Array | None = None,
 ) -> Bound:
-    """Bounds for what `local_bound` takes, which raises InputError likewise.
-
-    w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
-    the sharper the bounds are.
-    """
+    """Bounds for what `local_bound` takes and refuses; w is the `potential`, by default u_h, or near it."""
     mesh = data.mesh
-    source = data.source
-    tau = data.given_flux
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
-    flux = build_normal_flux(mesh, partition, lambda_H, w, form)
-    lift = build_lifting(data.constraint, form, u_h, flux)
-    spaces = quadratic_space(mesh)
-    w, q = balance_potential(source, w, flux.end_values + tau.end_values, form)
-    field = _build_misfit_field(spaces, source, w, q, form)
 
-    # D = ||y||, and D_D, the norm of the part of y at clamped sides
-    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    remainder_norm_of_y = math.sqrt(float(lift.remainder_squares(shortfall).sum()))
-    clamped = form.clamped_edges(mesh)
-    clamped_nodal = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
-    clamped_norm = lift.layer.norm(form, clamped_nodal, np.where(clamped, edge_bubbles, 0.0))
-    clamped_norm += math.sqrt(float(shortfall.extension_squares[clamped].sum()))
-    underflow = underflow_allowance(mesh, form)
-    # triangle inequality: y is hats and bubbles, the extensions w, and the hats for the remainder of g; of
-    # the last two only norms are used
-    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + remainder_norm_of_y
-    D = (1 + SQUARES_ROUNDING) * y_norm + underflow
-    D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + remainder_norm_of_y) + underflow
+    # sigma near lambda_H, and the first q: that of `equilibrate_flux` for w, with theta r
+    sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
+    w, q = balance_potential(data.source, w, sigma.end_values + data.given_flux.end_values, form)
+    field = _build_misfit_field(quadratic_space(mesh), data.source, w, q, form)
 
-    # the flux q + curl phi, and a feasible v = w + d
-    load = spaces.load(source.f_h) + spaces.edge_load(tau.end_values)
-    d, phi, steps = _minimise_eta(lift, field, load, 2 * shortfall.complementarity)
-    field = field.add_curl(phi)
-    d_nodal, d_bubbles = np.split(d[spaces.boundary_unknowns], 2)
-    nodal_raise, bubble_raise, v_shortfall = lift.make_feasible(w[mesh.boundary] + d_nodal, d_bubbles)
-    d[spaces.boundary_unknowns] += np.concatenate([nodal_raise, bubble_raise])
-    remainder_norm_of_v = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
-    # the norms of what v lacks of being feasible, extensions and hats for the remainder, are added to S of v
-    # (`total_errors`, the last sentence); what u_h lacks is y
-    missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + remainder_norm_of_v) + underflow
+    # y with u_h + y >= g, D = |||y|||, and D_D, the norm of the part of y at clamped sides
+    lifting = build_lifting(data.constraint, form, u_h, sigma)
+    y = lifting.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    D, D_clamped = _lift_norms(lifting, y)
 
-    # the residuals of u_h, with s' where q stays as it is, and of v
-    residual = field.residual_parts(spaces.embed_linear(u_h - w), tau)
-    # curl phi is 0 on thick triangles: s' of the first q still holds there
-    if field.is_thick.any():
-        s_prime = residual_parts(source, tau, u_h, q, form).s_prime
-        residual = residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
-    v_residual = field.residual_parts(d, tau)
+    # a better flux q + curl phi, and v = w + d that its own lift has made feasible
+    field, d, v_lift, steps = _improve_flux_and_potential(lifting, field, data.given_flux, y)
 
-    # Theorem 8 (Proposition S14), with S of u_h and of v by Lemma S18
-    tau_error = tau.projection_error(mesh, form)
+    # S of u_h and of v (Lemma S18), and Theorem 8 (Proposition S14)
+    u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, q, y, d, v_lift)
+    distance = sigma.multiplier_distance(mesh, form)
     errors = bound_total_errors(
-        mesh.exact_mesh_factor,
-        bound_residual(residual, tau_error, shortfall.complementarity),
-        bound_residual(v_residual, missing_norm + tau_error, v_shortfall.complementarity),
-        D=D,
-        D_clamped=D_clamped,
-        sigma_distance=flux.multiplier_distance(mesh, form),
+        mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D_clamped, sigma_distance=distance
     )
-    remainder = max(remainder_norm_of_y, remainder_norm_of_v) + tau.remainder_dual_norm(mesh, form)
-    return Bound(
-        u=errors.u,
-        lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
-        lift_norm=D,
-        data_remainder=form.value_constant * source.remainder_norm + remainder,
-        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
-        eta=errors.eta,
-        steps=steps,
-        outflows=field.outflows,
-        reaction_bound=errors.reaction_bound,
-    )
+    remainder_norm = max(y.remainder_norm, v_lift.remainder_norm)
+    return replace(collect_bounds(data, form, errors, D, remainder_norm, field.outflows), steps=steps)
+
+
+def _lift_norms(lifting: Lifting, y: Lift) -> tuple[float, float]:
+    """D = |||y||| and D_D, the energy norm of the part of y at clamped sides: upper bounds on both."""
+    layer = lifting.layer
+    form = lifting.form
+    # triangle inequality: y is hats and bubbles, extensions, and hats for the remainder of g
+    y_norm = layer.norm(form, y.nodal, y.bubbles) + y.shortfall.extension_norm + y.remainder_norm
+    clamped = form.clamped_edges(layer.mesh)
+    clamped_nodal = np.where(clamped | np.roll(clamped, 1), y.nodal, 0.0)
+    clamped_norm = layer.norm(form, clamped_nodal, np.where(clamped, y.bubbles, 0.0))
+    clamped_norm += math.sqrt(float(y.shortfall.extension_squares[clamped].sum()))
+    # the hats for the remainder are not told apart: all of them count as at clamped sides
+    D = (1 + SQUARES_ROUNDING) * y_norm + y.underflow
+    return D, (1 + SQUARES_ROUNDING) * (clamped_norm + y.remainder_norm) + y.underflow
+
+
+def _improve_flux_and_potential(
+    lifting: Lifting, field: _MisfitField, tau: GivenEdgeFlux, y: Lift
+) -> tuple[_MisfitField, Array, Lift, int]:
+    """The field of q + curl phi, d (size,) of v = w + d, the lift of v, and how many steps were made.
+
+    d has the hats and bubbles of that lift; v is feasible but for what else is in it.
+    """
+    spaces = field.spaces
+    # in eta^2 2 <sigma, v> cancels what q.n = sigma adds to the load of v: of q.n tau~ alone is left
+    load = spaces.load(field.source.f_h) + spaces.edge_load(tau.end_values)
+    d, phi, steps = _minimise_eta(lifting, field, load, 2 * y.shortfall.complementarity)
+    nodal, bubbles = np.split(d[spaces.boundary_unknowns], 2)
+    v_lift = lifting.make_feasible(field.w[spaces.mesh.boundary] + nodal, bubbles)
+    d[spaces.boundary_unknowns] += np.concatenate([v_lift.nodal, v_lift.bubbles])
+    return field.add_curl(phi), d, v_lift, steps
+
+
+def _bound_improved_residuals(
+    field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array, y: Lift, d: Array, v_lift: Lift
+) -> tuple[ResidualBounds, ResidualBounds]:
+    """The bounds on the residuals of u_h and of v = w + d, with the field's flux; `q` is the first one."""
+    tau_error = tau.projection_error(field.spaces.mesh, field.form)
+    u_parts = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)
+    # theta r and curl phi are 0 on thick triangles: s' of the first q holds there
+    if field.is_thick.any():
+        s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
+        u_parts = u_parts._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    v_parts = field.residual_parts(d, tau)
+    # what u_h lacks is y, with the norm D; what v lacks is added to its S (`total_errors`, the last sentence)
+    v_missing = v_lift.missing_norm + tau_error
+    u_residual = bound_residual(u_parts, tau_error, y.shortfall.complementarity)
+    return u_residual, bound_residual(v_parts, v_missing, v_lift.shortfall.complementarity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +192,7 @@ class _MisfitField:
     def add_curl(self, phi: Array) -> _MisfitField:
         """The field for the flux q + curl phi."""
         mesh = self.spaces.mesh
-        # a height of a triangle is twice its area over an edge
+        # the mean of |grad 4 psi_i psi_j|^2 is at most 4 / height^2, and a height twice the area over an edge
         size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
         allowance = (SUM_ROUNDING + mesh.distortion) * size
         misfit_hats = self.misfit_hats + _curl(self.spaces.gradient(phi))
@@ -211,13 +214,8 @@ class _MisfitField:
         misfit_squares = quadratic_square_norms(
             areas, self.misfit_hats - k * self.spaces.gradient(d), self.misfit_bubbles
         )
-        return np.stack(
-            [
-                misfit_squares,
-                quadratic_square_norms(areas, rho_hats - mean[:, None], rho_bubbles),
-                areas * mean**2,
-            ]
-        )
+        oscillation_squares = quadratic_square_norms(areas, rho_hats - mean[:, None], rho_bubbles)
+        return np.stack([misfit_squares, oscillation_squares, areas * mean**2])
 
     def residual_parts(self, d: Array, given_flux: GivenEdgeFlux) -> ResidualParts:
         """The parts of the residual of v = w + d, with what is left of tau; s' is infinite."""
@@ -250,27 +248,26 @@ def _curl(gradient: Array) -> Array:
 
 
 def balance_potential(source: Source, u_h: Array, sigma: Array, form: Form) -> tuple[Array, Array]:
-    """w (n,), and its flux as `equilibrate_flux` gives it.
+    """w (n,), u_h or a better solution of the discrete equations, and the flux by `equilibrate_flux` for w.
 
     The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
     What a solver left of the discrete equations, and what the flux on the edges leaves of lambda_H, may be
     nothing beside the error of u_h, and much beside the error of lambda_H, which is smaller.
     """
     mesh = source.mesh
-    # the error of w in L2 over W^2 is nearly ||q - k grad w||_T min(h / W, k^{1/2}) / (k W)
-    w = u_h
+    q = equilibrate_source(source, u_h, sigma, form)
+    residual = residual_parts(source, no_given_flux(mesh), u_h, q, form)
+    # the error of u_h in L2 over W^2 is nearly ||q - k grad u_h||_T min(h / W, k^{1/2}) / (k W)
     W = form.value_constant
-    for is_last in (False, True):
-        q = equilibrate_source(source, w, sigma, form)
-        residual = residual_parts(source, no_given_flux(mesh), w, q, form)
-        error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * residual.misfit / (form.k * W)
-        tolerance = max(
-            MAX_IMBALANCE_FRACTION * float(error @ error), float(residual.remainder @ residual.remainder)
-        )
-        if is_last or residual.mean @ residual.mean <= tolerance:
-            break
-        w = _solve_discrete_equations(source, w, sigma, tolerance, form)
-    return w, q
+    error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * residual.misfit / (form.k * W)
+    # S has M_T + E_T: a mean below E_T hardly counts, nor does one far below the error
+    tolerance = max(
+        MAX_IMBALANCE_FRACTION * float(error @ error), float(residual.remainder @ residual.remainder)
+    )
+    if residual.mean @ residual.mean <= tolerance:
+        return u_h, q
+    w = _solve_discrete_equations(source, u_h, sigma, tolerance, form)
+    return w, equilibrate_source(source, w, sigma, form)
 
 
 def _solve_discrete_equations(source: Source, w: Array, sigma: Array, tolerance: float, form: Form) -> Array:
@@ -291,31 +288,22 @@ def _build_misfit_field(
 ) -> _MisfitField:
     """The `_MisfitField` of q + theta r for w; w and q are as `balance_potential` gives them."""
     mesh = spaces.mesh
-
-    # theta r as above, and rho with what that leaves of its mean-free part, -p
     p = form.c * w[mesh.triangles] - source.f_h
-    x = mesh.points[mesh.triangles]
-    along = np.roll(x, -1, axis=1) - x
-    # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
-    fall = p - np.roll(p, -1, axis=1)
-    r = fall[..., None] * along / 12
-    p_free = p - p.mean(axis=1, keepdims=True)
-    div_squares = form.k * linear_square_norms(mesh.areas, p_free)
-    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
-    theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
     thick = form.c * mesh.longest_edges**2 > THICK_TRIANGLE_LAYERS**2 * form.k
+    theta, r = _correct_divergence(mesh, p, form)
     theta = np.where(thick, 0.0, theta)[:, None]
-    inflows = triangle_inflows(mesh, q, slice(None))
-    divergence = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
-    rho = (divergence - p.mean(axis=1))[:, None] - (1 - theta) * p_free
 
-    # what rounding may do to w, q and r
-    size = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
+    # f_h + div (q + theta r) - c w = div q - mean p - (1 - theta) (p - mean p)
+    inflows = triangle_inflows(mesh, q, slice(None))
+    div_q = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
+    rho = (div_q - p.mean(axis=1))[:, None] - (1 - theta) * (p - p.mean(axis=1, keepdims=True))
+
+    # what rounding may do to w and q, and to r: |r| <= longest edge times |p|, |div r| <= 2 |p|
     largest = np.abs(w[mesh.triangles]).max(axis=1)
-    stretched = stretched_divergence(mesh, q)
     misfit_allowance, rho_allowance = rounding_allowances(
-        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched
+        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched_divergence(mesh, q)
     )
+    p_rounding = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
     return _MisfitField(
         spaces,
         source,
@@ -324,17 +312,29 @@ def _build_misfit_field(
         misfit_hats=-misfit(mesh, w, q, slice(None), form.k),
         misfit_bubbles=theta[..., None] * r,
         rho=rho,
-        misfit_allowance=misfit_allowance + mesh.longest_edges * size,
-        rho_allowance=rho_allowance + 2 * size,
+        misfit_allowance=misfit_allowance + mesh.longest_edges * p_rounding,
+        rho_allowance=rho_allowance + 2 * p_rounding,
         is_thick=thick,
         outflows=outflows(mesh, form, q),
     )
 
 
+def _correct_divergence(mesh: Mesh, p: Array, form: Form) -> tuple[Array, Array]:
+    """theta (m,), and r by the coefficients (m, 3, 2) of its bubbles; p has the values (m, 3) at nodes."""
+    # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
+    x = mesh.points[mesh.triangles]
+    r = (p - np.roll(p, -1, axis=1))[..., None] * (np.roll(x, -1, axis=1) - x) / 12
+    # theta = k ||div r||^2 / (k ||div r||^2 + c ||r||^2), div r = p - mean p; any number where p is constant
+    div_squares = form.k * linear_square_norms(mesh.areas, p - p.mean(axis=1, keepdims=True))
+    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
+    theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
+    return theta, r
+
+
 def _minimise_eta(
     lifting: Lifting, field: _MisfitField, load: Array, complementarity: float
 ) -> tuple[Array, Array, int]:
-    """d = v - w and phi (size,), and how many steps were made.
+    """d = v - w and phi (size,) that nearly minimise eta^2, and how many steps were made.
 
     `load` (size,) is that of v, and `complementarity` is nearly 2 <sigma, v - g>.
     """
@@ -353,6 +353,7 @@ def _minimise_eta(
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
     misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
     eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
+    # |curl phi| is |grad phi|, and (p, curl phi) = - (curl p, grad phi) for the misfit p
     curl_load = spaces.gradient_load(_curl(field.misfit_hats), _curl(field.misfit_bubbles)) / form.k
     phi_descent = spaces.conjugate_gradients(
         spaces.matrix(Form(1 / form.k, 0.0)), curl_load, np.zeros(spaces.size), inner
@@ -360,7 +361,8 @@ def _minimise_eta(
     v_descent = spaces.conjugate_gradients(spaces.matrix(form), load, w + d, free)
     gain = math.inf
     steps = 0
-    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:  # below 0 where v < g
+    # eta^2 is below 0 if v is far enough below g
+    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:
         gain = v_descent.step() + phi_descent.step()
         eta_square = eta_square - gain
         steps = steps + 1

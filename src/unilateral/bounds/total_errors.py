@@ -57,7 +57,7 @@ class ResidualBounds(NamedTuple):
 
 
 def bound_residual(residual: ResidualParts, missing_norm: float, B: float) -> ResidualBounds:
-    """The bounds from the parts of the residual."""
+    """The bounds from the parts of the residual; `missing_norm` and B are only passed on."""
     form = residual.form
     S_1, S = residual.dual_norms()
     m = e = e_N = math.inf
@@ -123,7 +123,7 @@ def bound_total_errors(
         lambda_=growth * (Y + sigma_distance),
         reaction_bound=growth * (E + sigma_distance),
         eta=growth * eta,
-        # gamma <lambda, w> <= <sigma, v - g> + S^2 / 4 (Proposition S16)
+        # gamma <lambda, w> <= <sigma, v - g> + S^2 / 4 (Proposition S16); both grow like squares
         gamma_force_bound=growth * growth * (v_residual.B + S_v * S_v / 4),
     )
 

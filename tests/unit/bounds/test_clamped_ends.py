@@ -229,9 +229,10 @@ def raised(monkeypatch, **parts):
 
         class Lifted(type(made)):
             def make_feasible(self, nodal, bubbles):
-                *values, short = made.make_feasible(nodal, bubbles)
+                lift = made.make_feasible(nodal, bubbles)
                 first = np.arange(len(nodal)) == 0
-                return *values, short._replace(**{k: np.where(first, v, 0.0) for k, v in parts.items()})
+                parts_of_first = {k: np.where(first, v, 0.0) for k, v in parts.items()}
+                return lift._replace(shortfall=lift.shortfall._replace(**parts_of_first))
 
         return Lifted(*made)
 

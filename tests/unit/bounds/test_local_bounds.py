@@ -9,7 +9,7 @@ import pytest
 from conftest import bound_arguments
 
 import unilateral as ul
-from unilateral.bounds import local_bounds, residual_norm
+from unilateral.bounds import feasible, local_bounds, residual_norm
 from unilateral.bounds.feasible import Lifting, Shortfall
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.bounds.source import _project_pieces
@@ -38,9 +38,10 @@ def missing(monkeypatch, **parts):
     own = Lifting.make_feasible
 
     def lifted(self, nodal, bubbles):
-        *values, short = own(self, nodal, bubbles)
+        lift = own(self, nodal, bubbles)
         first = np.arange(len(nodal)) == 0
-        return *values, short._replace(**{k: np.where(first, v, 0.0) for k, v in parts.items()})
+        parts_of_first = {k: np.where(first, v, 0.0) for k, v in parts.items()}
+        return lift._replace(shortfall=lift.shortfall._replace(**parts_of_first))
 
     monkeypatch.setattr(Lifting, "make_feasible", lifted)
 
@@ -119,7 +120,7 @@ def test_what_the_flux_leaves_of_lambda_counts_for_lambda_alone(arguments, monke
 
 
 def test_what_squares_that_vanish_hide_is_added(arguments, monkeypatch):
-    monkeypatch.setattr(local_bounds, "underflow_allowance", lambda *of: LARGE)
+    monkeypatch.setattr(feasible, "underflow_allowance", lambda *of: LARGE)
     assert LARGE <= local_bounds.local_bound(*arguments).u <= LARGE * NEAR
 
 
