@@ -172,7 +172,7 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     corners, parent, singular = split_triangles(mesh, case)
     split = np.concatenate([parent, *[pieces.parent for pieces in singular]])
     whole = np.setdiff1d(np.arange(len(mesh.triangles)), split)
-    # on so fine a mesh the lower degree leaves less than 2e-11 (FINE_MESH_RATIO); kinks with a radius are cutoffs
+    # on so fine a mesh the lower degree leaves less than 2e-11; a kink that has a radius is a cutoff's
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     is_fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
     whole_degree = degree or (FINE_MESH_DEGREE if is_fine else TRIANGLE_DEGREE)
