@@ -31,6 +31,8 @@ at most 2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2
 
 However small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of
 gradients. Where triangles are flat, it grows with the square of their length over their height.
+
+B, D and R are those of this proof, not the coupling and the dual operator of `spaces`.
 """
 
 from __future__ import annotations
@@ -101,19 +103,11 @@ def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """
     coarse = mesh.coarse or mesh
     polygon = mesh.polygon
-    # norms on the exact mesh may be larger by the growth
-    constant = (
-        mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
-        if coarse.n_nodes <= MAX_FRIEDRICHS_NODES
-        else math.inf
-    )
-
-    # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
-    lengths = np.diff(coarse.s)
-    is_clamped = np.isin(coarse.side, clamped)
-    at_end = is_clamped != np.roll(is_clamped, -1)
-    ratios = (np.roll(lengths, -1) / lengths) ** np.where(is_clamped, 1, -1)
-    if constant < math.inf and np.all(ratios[at_end] <= MAX_EDGE_RATIO):
+    # norms on this mesh's exact mesh may be larger by its factor
+    constant = math.inf
+    if coarse.n_nodes <= MAX_FRIEDRICHS_NODES:
+        constant = mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
+    if constant < math.inf and _is_fine_beside_clamped(coarse, clamped):
         return constant
 
     needed = f"polygon '{polygon.name}': c = 0 needs Friedrichs' constant for the clamped sides {[*clamped]}"
@@ -135,6 +129,16 @@ def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     return constant
 
 
+def _is_fine_beside_clamped(mesh: Mesh, clamped: tuple[int, ...]) -> bool:
+    """Whether no edge beside the end of a clamped side is above MAX_EDGE_RATIO times the last edge on it."""
+    # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
+    lengths = np.diff(mesh.s)
+    is_clamped = np.isin(mesh.side, clamped)
+    at_end = is_clamped != np.roll(is_clamped, -1)
+    ratios = (np.roll(lengths, -1) / lengths) ** np.where(is_clamped, 1, -1)
+    return bool(np.all(ratios[at_end] <= MAX_EDGE_RATIO))
+
+
 def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """The least constant C by a mesh and its refinements; infinite where rounding hides all of them.
 
@@ -147,7 +151,7 @@ def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
         is_free[mesh.triangulation.boundary_edges[np.isin(mesh.side, clamped)]] = False
         mu = bound_eigenvalue(B[is_free][:, is_free])
         if mu > 0:
-            # C^2 = 1 / lambda_h + KAPPA^2 h^2, and the exact domain is larger by the growth
+            # C^2 = 1 / mu + KAPPA^2 h^2 for mu <= lambda_h; norms on the exact domain are larger by the factor
             constant = min(
                 constant, mesh.exact_mesh_factor * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2)
             )
@@ -176,7 +180,8 @@ def crouzeix_raviart_matrix(mesh: Mesh) -> tuple[sp.csr_array, Array]:
 
 
 def bound_eigenvalue(B: sp.csr_array) -> float:
-    """A number that no eigenvalue of the symmetric B (n, n) is below; 0 if rounding hides it, or n < 2."""
+    """A number mu that no eigenvalue of the symmetric B (n, n) is below; 0 if rounding hides it, or n < 2."""
+    # `eigsh` needs two unknowns
     if B.shape[0] < 2:
         return 0.0
     order = reverse_cuthill_mckee(sp.csr_matrix(B), symmetric_mode=True)
