@@ -1,4 +1,7 @@
-"""The discrete problem (P_h*), condensed to the boundary, and its solution by an iteration there."""
+"""The discrete problem (P_h*), condensed to the boundary, and its solution by an iteration there.
+
+S is the scaled dual operator of `fem.spaces`, which the iteration applies; rho is the size of its steps.
+"""
 
 from __future__ import annotations
 
@@ -166,30 +169,38 @@ class CondensedProblem(DiscreteProblem):
         return replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
 
     def _bound_computed_solution(self, result: DualResult, u_h: Array) -> float:
-        """The bound for u_h (n,) as it was computed, with the norm of its residual in it."""
+        """The algebraic bound for u_h (n,) as it was computed, from its gap F and its residual r."""
         spaces = self.spaces
+        # F: the means of v - (g - u_D) for v = u_h - u_D, with their rounding
+        v = u_h - self.dirichlet_lift
+        g_means = self.homogeneous_data[1][self.cells]
+        gap = gap_with_rounding(spaces.B, v[self.mesh.boundary], g_means, spaces.operator.H_i)
+        delta = self._bound_residual(v, result.lambda_H, MAX_ROUNDING_EXCESS * result.bound)
+        return condensed_algebraic_bound(spaces.operator, result.lambda_H, gap, delta, result.rho)
+
+    def _bound_residual(self, v: Array, mu: Array, negligible_norm: float) -> float:
+        """An upper bound delta on ||r||, r = load + B^T mu - A v for v = u_h - u_D, with all rounding.
+
+        A solve makes it sharper if it is above `negligible_norm`.
+        """
         condensed = self.spaces.condensed
         boundary = self.mesh.boundary
-        (homogeneous_load, g_means) = self.homogeneous_data
-        mu = result.lambda_H
-        v = u_h - self.dirichlet_lift
-        # r = load + B^T mu - A v for v = u_h - u_D, and F, the means of v - (g - u_D), with their rounding
+        homogeneous_load = self.homogeneous_data[0]
+        # B^T mu is 0 at inner nodes, where the load is not rounded
         load = Rounded(homogeneous_load.copy(), np.zeros(len(homogeneous_load)))
         load.values[boundary], load.rounding[boundary] = load_with_rounding(
-            homogeneous_load[boundary], spaces.B, mu
+            homogeneous_load[boundary], self.spaces.B, mu
         )
         residual = residual_with_rounding(*condensed.matrix_and_row_sums, v, load)
-        gap = gap_with_rounding(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
-        # ||r|| by the lumped mass; if that is too large ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
+        # by the lumped mass; it is too large by up to 1/h
         delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
-        if delta > MAX_ROUNDING_EXCESS * result.bound:
+        if delta > negligible_norm:
+            # ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
             z = condensed.solve(residual.values)
-            z_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
-            z_residual_norm = lumped_dual_norm_bound(
-                np.abs(z_residual.values) + z_residual.rounding, condensed.nodal_weights
-            )
-            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + z_residual_norm
-        return condensed_algebraic_bound(spaces.operator, mu, gap, delta, result.rho)
+            rest = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            rest_norm = lumped_dual_norm_bound(np.abs(rest.values) + rest.rounding, condensed.nodal_weights)
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + rest_norm
+        return delta
 
 
 def build_condensed_problem(

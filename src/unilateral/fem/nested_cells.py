@@ -71,13 +71,17 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
 
 
 def _group_cells(ends: Index, side: Index) -> Index | None:
-    """The first cell of each union that is a cell of the level before; None if a side has no room."""
+    """The number of the first cell of each union; None if a side is too short for one.
+
+    A union is a cell of the level before. `ends` (m, 2) are places along the boundary, as in `nested_cells`,
+    and `side` (m,) are the cells' sides. Every second place is a node of the level before.
+    """
     firsts: list[int] = []
     for number in np.unique(side):
         first, *candidates = np.flatnonzero(side == number).tolist()
         begins = [first]
         for i in candidates:
-            # a cell of the level before begins at one of its nodes, and after enough edges
+            # a union begins at a node of the level before, where its edges are two of this level
             if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * MIN_EDGES_PER_CELL:
                 begins.append(i)
         # what is left of the side goes to the union before, if it is too short for one of its own

@@ -79,27 +79,12 @@ GRADED_MESH_GROWTH = 0.4
 
 
 def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """A number C with ||v||_0 <= C |v|_1 for functions v that are 0 on some sides of the mesh's polygon.
+    """A C with ||v||_0 <= C |v|_1, on this mesh and the exact one, for v that are 0 on the `clamped` sides.
 
     It is computed on the mesh, or on the one that it was refined from. If that is large, or too coarse beside
-    clamped sides, or rounding hides C there, gmsh makes another one, graded to short sides.
-
-    Parameters
-    ----------
-    mesh
-        a mesh of the polygon
-    clamped
-        the numbers of the sides, at least one
-
-    Returns
-    -------
-    float
-        C, a length, for norms on this mesh and on the exact one
-
-    Raises
-    ------
-    InputError
-        where rounding hides C on both meshes, or the first one does not do and gmsh makes no other
+    clamped sides, or rounding hides C there, gmsh makes another one, graded to short sides. At least one side
+    is clamped. Raises InputError where rounding hides C on both meshes, or the first one does not do and gmsh
+    makes no other.
     """
     coarse = mesh.coarse or mesh
     polygon = mesh.polygon
@@ -151,7 +136,7 @@ def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
         is_free[mesh.triangulation.boundary_edges[np.isin(mesh.side, clamped)]] = False
         mu = bound_eigenvalue(B[is_free][:, is_free])
         if mu > 0:
-            # C^2 = 1 / mu + KAPPA^2 h^2 for mu <= lambda_h; norms on the exact domain are larger by the factor
+            # C^2 = 1 / mu + KAPPA^2 h^2 for mu <= lambda_h; on the exact domain it is larger by the factor
             constant = min(
                 constant, mesh.exact_mesh_factor * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2)
             )

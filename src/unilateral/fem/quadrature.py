@@ -16,6 +16,7 @@ from math import lcm
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 from unilateral.arrays import Array, Index, row_blocks
 from unilateral.fem.splitting import SingularPieces, split_triangles
@@ -139,7 +140,7 @@ def _place_gauss_points(breaks: Array, p: Array, grading: Array) -> tuple[Array,
     low = tau_ends.min(axis=0)[:, None]
     high = tau_ends.max(axis=0)[:, None]
     # s = p +- tau^k, so ds = k tau^{k-1} dtau
-    x, w = _gauss_rule(GAUSS_POINTS)
+    x, w = leggauss(GAUSS_POINTS)
     tau = low + 0.5 * (high - low) * (x + 1)
     return sign * tau**k, 0.5 * (high - low) * w * k * tau ** (k - 1)
 
@@ -170,7 +171,7 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     If no `degree` is given it is TRIANGLE_DEGREE, or FINE_MESH_DEGREE on whole triangles of a fine mesh.
     """
     corners, parent, singular = split_triangles(mesh, case)
-    split = np.concatenate([parent, *[pieces.parent for pieces in singular]])
+    split = np.concatenate([parent, *[group.pieces.parent for group in singular]])
     whole = np.setdiff1d(np.arange(len(mesh.triangles)), split)
     # on so fine a mesh the lower degree leaves less than 2e-11; a kink that has a radius is a cutoff's
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
@@ -183,8 +184,8 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
         yield _place_rule(mesh, unit_corners, whole[block], *symmetric_rule(whole_degree))
     for block in row_blocks(len(parent)):
         yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
-    for pieces in singular:
-        yield _place_singular_rule(mesh, pieces, piece_degree)
+    for group in singular:
+        yield _place_singular_rule(mesh, group, piece_degree)
 
 
 @cache
@@ -197,20 +198,14 @@ def symmetric_rule(degree: int) -> tuple[Array, Array]:
 
 
 @cache
-def _gauss_rule(n_points: int) -> tuple[Array, Array]:
-    """Points (n,) and weights (n,) on [-1, 1]."""
-    return np.polynomial.legendre.leggauss(n_points)
-
-
-@cache
 def duffy_rule(n_points: int, grading: int = 1) -> tuple[Array, Array]:
     """A rule on a triangle that is graded to its first corner, from which points are a part tau^grading away.
 
     It has n Gauss points across, and n times the grading in tau, but at most 4 n. Not graded it is exact for
     polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric_rule`.
     """
-    x, w = _gauss_rule(n_points * min(grading, 4))
-    y, v = _gauss_rule(n_points)
+    x, w = leggauss(n_points * min(grading, 4))
+    y, v = leggauss(n_points)
     tau = 0.5 * (x[:, None] + 1)
     across = 0.5 * (y + 1)
     rho = tau**grading
@@ -231,11 +226,11 @@ def _place_rule(mesh: Mesh, corners: Array, parent: Index, points: Array, weight
     )
 
 
-def _place_singular_rule(mesh: Mesh, pieces: SingularPieces, degree: int) -> TriangleRule:
+def _place_singular_rule(mesh: Mesh, singular: SingularPieces, degree: int) -> TriangleRule:
     """The rule on pieces with a singular point, with offsets from it that its coordinates do not round."""
-    points, weights = duffy_rule(degree, pieces.grading)
-    rule = _place_rule(mesh, pieces.corners, pieces.parent, points, weights)
+    points, weights = duffy_rule(degree, singular.grading)
+    rule = _place_rule(mesh, *singular.pieces, points, weights)
     # the barycentric coordinates of the other two corners times the edges that lead to these
-    edges = pieces.corners[:, 1:] @ mesh.points[mesh.triangles[pieces.parent]] - pieces.point[:, None]
+    edges = singular.pieces.vertices(mesh)[:, 1:] - singular.point[:, None]
     offset = (points[:, 1:] @ edges).reshape(-1, 2)
-    return replace(rule, origin=np.repeat(pieces.point, len(weights), axis=0), offset=offset)
+    return replace(rule, origin=np.repeat(singular.point, len(weights), axis=0), offset=offset)

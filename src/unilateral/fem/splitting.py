@@ -10,7 +10,6 @@ it as their first corner, after it is small against the distance of other points
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -46,7 +45,7 @@ class Pieces(NamedTuple):
     corners: Array
     parent: Index
 
-    def select(self, chosen: Mask) -> Pieces:
+    def select(self, chosen: Mask | Index) -> Pieces:
         """The chosen pieces."""
         return Pieces(self.corners[chosen], self.parent[chosen])
 
@@ -70,15 +69,10 @@ class Pieces(NamedTuple):
         return np.all(self.barycentric(mesh, point) > -BARYCENTRIC_TOLERANCE, axis=1)
 
 
-@dataclass(frozen=True)
-class SingularPieces:
-    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
+class SingularPieces(NamedTuple):
+    """Pieces whose first corner is a singular `point` (k, 2), which has that `grading`."""
 
-    The first corner is a singular `point` (k, 2), which has that `grading`.
-    """
-
-    corners: Array
-    parent: Index
+    pieces: Pieces
     point: Array
     grading: int
 
@@ -110,7 +104,7 @@ def _separate_singular_points(mesh: Mesh, pieces: Pieces, points: list[Array]) -
         for point in points:
             near = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
             near_points[near] += 1
-            contained[near] += Pieces(pieces.corners[near], pieces.parent[near]).contain(mesh, point)
+            contained[near] += pieces.select(near).contain(mesh, point)
         crowded = (contained > 0) & (near_points > 1)
         if not crowded.any():
             break
@@ -131,12 +125,12 @@ def _extract_singular_pieces(
         parts = _split_at_point(mesh, pieces.select(contains), point)
         groups.setdefault(grading, []).append((parts, np.tile(point, (len(parts.parent), 1))))
         pieces = pieces.select(~contains)
-    singular = []
-    for grading, group in groups.items():
-        corners, parent = _join([parts for parts, _ in group])
-        apex = np.concatenate([part_points for _, part_points in group])
-        singular.append(SingularPieces(corners, parent, point=apex, grading=grading))
-    return pieces, singular
+    return pieces, [
+        SingularPieces(
+            _join([parts for parts, _ in group]), np.concatenate([apex for _, apex in group]), grading
+        )
+        for grading, group in groups.items()
+    ]
 
 
 def _split_at_point(mesh: Mesh, pieces: Pieces, point: Array) -> Pieces:
