@@ -41,7 +41,7 @@ def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Ar
 
 
 def _edge_entries(points: Array, triangles: Int32, form: Form) -> tuple[Array, Array]:
-    """What each triangle adds to the matrix entries of its three edges (T, 3), and the areas (T,)."""
+    """Each triangle's contributions (T, 3) to the matrix entries of its edges, and the areas (T,)."""
     stiffness, area = edge_stiffness_and_areas(points, triangles)
     return form.k * stiffness + (form.c * area / 12)[:, None], area
 

@@ -226,9 +226,8 @@ def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = 
         area_halvings = step.replace_values(area_halvings, child_halvings)
         level = _build_level(step, child_halvings, clamped_nodes)
         if step is not steps[-1]:
-            level = level.attach_rows(
-                _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
-            )
+            rows = _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
+            level = level.attach_rows(rows)
         levels.append(level)
     return replace(
         hierarchy,

@@ -120,6 +120,7 @@ class MacroElementFactors:
         nodes = next(levels)
         for outer in levels:
             shapes, copies, _ = outer.shape
+            # the four children of a triangle follow one another in `nodes`
             K = self._condense_four_children(K, nodes.reshape(shapes, copies, 4, -1), outer)
             nodes = outer
         return nodes, K

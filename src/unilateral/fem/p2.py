@@ -198,9 +198,8 @@ class BoundaryLayer(NamedTuple):
 
     def square_norms(self, form: Form, hats: Array, bubbles: Array) -> Array:
         """The squared energy norms on the triangles of a function with these coefficients; shape (k,)."""
-        gradient_squares = linear_square_norms(
-            self.areas, gradients_at_nodes(self.hat_gradients, hats, bubbles)
-        )
+        corner_gradients = gradients_at_nodes(self.hat_gradients, hats, bubbles)
+        gradient_squares = linear_square_norms(self.areas, corner_gradients)
         return form.k * gradient_squares + form.c * quadratic_square_norms(self.areas, hats, bubbles)
 
     def norm(self, form: Form, nodal: Array, bubble: Array) -> float:
@@ -221,6 +220,7 @@ def boundary_layer(mesh: Mesh) -> BoundaryLayer:
     on_boundary = np.zeros(mesh.n_nodes, dtype=bool)
     on_boundary[mesh.boundary] = True
     triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
+    # where in its triangle each boundary edge begins: edge e does so at boundary node e
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
     edge_places = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
     layer_mesh = mesh.select_triangles(triangles)

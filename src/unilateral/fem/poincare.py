@@ -65,15 +65,9 @@ MAX_FRIEDRICHS_NODES = 10_000
 EIGENVALUE_SHARE = 1 - 1e-6
 """mu is this fraction of the computed eigenvalue less what the shift takes."""
 MAX_EDGE_RATIO = 4.0
-"""A mesh whose boundary edges at a clamped side are longer by this than their neighbours is too coarse there.
-
-Only the size of the constant depends on it.
-"""
+"""An edge beside a clamped side is at most this times the last edge on it, or C would be needlessly large."""
 MIN_EDGES_PER_DIAMETER = 8
-"""No boundary edge of the graded mesh is longer than the diameter over this.
-
-None is more than twice as long as its neighbours.
-"""
+"""No boundary edge of the graded mesh is above the diameter over this, or above twice its neighbours."""
 GRADED_MESH_GROWTH = 0.4
 """Triangles of the graded mesh grow by this times their distance from the boundary."""
 

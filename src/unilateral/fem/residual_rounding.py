@@ -63,10 +63,7 @@ def product_with_rounding(A: sp.csr_array, row_sums: Array, u: Array) -> Rounded
 
 
 def gap_with_rounding(B: sp.csr_array, u: Array, d: Array, lengths: Array | float = 1.0) -> Rounded:
-    """B u / lengths - d (m,), for B (m, n) without negative entries: integrals over cells, or means.
-
-    The sum of absolute values in the rounding is then B |u|.
-    """
+    """B u / lengths - d (m,), for B (m, n) without negative entries: integrals over cells, or means."""
     values = B @ u / lengths - d
     sizes = B @ np.abs(u) / lengths + np.abs(d)
     return Rounded(values, UNIT_ROUNDOFF * (max_row_entries(B) + 4) * sizes)
