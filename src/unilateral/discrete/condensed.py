@@ -297,5 +297,6 @@ def _solve_case(
         return solution
     # of ||lambda - lambda_H||_{-1/2,h} <= ||lambda - lambda_H||_{-1/2} the bound over beta may be a fraction
     error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solution.result.lambda_H))
+    # Nesterov's steps go on; from so near a start "auto" might choose plain Uzawa
     further_stop = replace(stop, algorithm="nesterov") if solution.result.algorithm == "nesterov" else stop
     return discrete.improve(solution, stop.fraction * error * beta, further_stop, tolerance_share=1.0)

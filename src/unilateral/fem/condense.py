@@ -114,10 +114,7 @@ def condense(mesh: Mesh, form: Form = H1) -> CondensedMatrix:
 
 
 def condense_factors(mesh: Mesh, factors: Factors, form: Form = H1) -> CondensedMatrix:
-    """The condensation from the factors of A, sparse ones with the boundary last.
-
-    Raises InputError as `condense` does.
-    """
+    """The condensation from factors of A with the boundary last. Raises InputError as `condense` does."""
     if not form.clamped:
         # the load of c (1, v)_0 has the solution 1
         check_constants(mesh, form, factors.solve(form.c * lumped_mass(mesh)))

@@ -72,6 +72,7 @@ def assemble_by_edges(
             np.subtract.at(sums, end, edge_values[fixed_edges])
         sums[fixed] = diagonal[fixed]
         edge_values[fixed_edges] = 0.0
+    # the diagonal comes first, so that rows begin with it
     nodes = np.arange(n, dtype=np.int32)
     (a, b) = triangulation.ends.T
     A = _csr_from_distinct_entries(

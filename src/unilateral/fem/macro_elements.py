@@ -216,8 +216,7 @@ def perimeter_nodes(coarse: Triangulation, halvings: int) -> Iterator[Index]:
     while levels:
         triangulation = levels.pop()
         n_edges = len(triangulation.ends)
-        # `refine_triangulation` puts first children before second ones; here each triangle is followed by its
-        # sisters
+        # `refine_triangulation` puts all first children before second ones; here sisters follow one another
         order = np.arange(len(triangulation.nodes)).reshape(*[4] * len(levels), -1).T.ravel()
         if len(along) > n_edges:  # the halves of edge e are e and E + e, which meet at its midpoint
             along = np.concatenate([along[:n_edges], along[n_edges : 2 * n_edges, 1:]], axis=1)

@@ -46,7 +46,7 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
     one edge only.
     """
     s = hierarchy.s
-    # cell i reaches from boundary node ends[i, 0] to ends[i, 1]
+    # cell i reaches from boundary node ends[i, 0] to ends[i, 1], the nearest ones to its end points
     chosen = hierarchy.form.has_multiplier(partition.side)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
     ends = np.column_stack([place[:-1], place[1:]])[chosen]
@@ -94,10 +94,10 @@ def _group_cells(ends: Index, side: Index) -> Index | None:
 
 
 def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
-    """The node inside each cell that has the longest edges beside it; shape (m,).
+    """The node inside each cell whose hat has the largest integral: the longest edges; shape (m,).
 
-    By its hat `multigrid_bounds.shift_to_feasible` closes the gap on the cell, which has two edges at least.
-    `ends` (m, 2) are places along the boundary, as in `nested_cells`.
+    `multigrid_bounds.shift_to_feasible` closes the gap on the cell by this hat, times the gap over that
+    integral. A cell has two edges at least. `ends` (m, 2) are places along the boundary.
     """
     # nodes inside cells, sorted by cell and then by the length of their two edges, the longest first
     length = np.diff(hierarchy.s)
@@ -110,6 +110,7 @@ def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
 def _integrate_hats(hierarchy: Hierarchy, ends: Index) -> sp.csr_array:
     """B (m, n): half of each edge's length, for both of its ends unless these are clamped."""
     count = ends[:, 1] - ends[:, 0]
+    # the edges of all cells, one cell after another
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]
     half = 0.5 * np.diff(hierarchy.s)[edge]

@@ -56,13 +56,11 @@ def quadratic_square_norms(areas: Array, hats: Array, bubbles: Array) -> Array:
 
 
 def gradients_at_nodes(hat_gradients: Array, hats: Array, bubbles: Array) -> Array:
-    """The gradients of a function of P2 at the corners of each triangle; shape (k, 3, 2).
-
-    grad 4 psi_i psi_j is 4 grad psi_j at i, and 4 grad psi_i at j.
-    """
+    """The gradients of a function of P2 at the corners of each triangle; shape (k, 3, 2)."""
     linear = np.einsum("tid,ti->td", hat_gradients, hats)[:, None]
     next_gradients = np.roll(hat_gradients, -1, axis=1)
     previous_gradients = np.roll(hat_gradients, 1, axis=1)
+    # at node i the gradient of bubble i is 4 grad psi_{i+1}, and that of bubble i - 1 is 4 grad psi_{i-1}
     before_terms = np.roll(bubbles, 1, axis=1)[..., None] * previous_gradients
     return np.asarray(linear + 4 * (bubbles[..., None] * next_gradients + before_terms))
 

@@ -88,7 +88,6 @@ def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
         constant = mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
     if constant < math.inf and _is_fine_beside_clamped(coarse, clamped):
         return constant
-
     needed = f"polygon '{polygon.name}': c = 0 needs Friedrichs' constant for the clamped sides {[*clamped]}"
     try:
         edges = balance_cells(make_uniform_partition(polygon, polygon.diameter / MIN_EDGES_PER_DIAMETER))

@@ -2,9 +2,8 @@
 
 On the boundary: Gauss points on the common refinement of given cuts and the singular points, in the
 variable tau = |s - p|^(1/k) about the nearest singular point p, so that powers of s - p with exponents
-in multiples of 1/k are polynomials. In Omega: a symmetric rule on every triangle; triangles that a kink
-crosses are subdivided, triangles near a singular point are subdivided towards it, and those that contain
-it are split there and mapped (Duffy) with r = tau^k.
+in multiples of 1/k are polynomials. In Omega: a symmetric rule on every triangle or piece of `splitting`;
+pieces with a singular point as their first corner are mapped (Duffy) with r = tau^k.
 """
 
 from __future__ import annotations

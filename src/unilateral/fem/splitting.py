@@ -125,12 +125,11 @@ def _extract_singular_pieces(
         parts = _split_at_point(mesh, pieces.select(contains), point)
         groups.setdefault(grading, []).append((parts, np.tile(point, (len(parts.parent), 1))))
         pieces = pieces.select(~contains)
-    return pieces, [
-        SingularPieces(
-            _join([parts for parts, _ in group]), np.concatenate([apex for _, apex in group]), grading
-        )
-        for grading, group in groups.items()
-    ]
+    singular = []
+    for grading, group in groups.items():
+        apex = np.concatenate([point for _, point in group])
+        singular.append(SingularPieces(_join([parts for parts, _ in group]), apex, grading))
+    return pieces, singular
 
 
 def _split_at_point(mesh: Mesh, pieces: Pieces, point: Array) -> Pieces:
@@ -167,6 +166,7 @@ def _quarter_near(mesh: Mesh, case: ExactSolution, pieces: Pieces, points: list[
         if level > 0:
             finished.append(pieces.select(~marked))
         pieces = pieces.select(marked).quarter()
+    # what is still marked stays as it is
     return _join([*finished, pieces])
 
 
