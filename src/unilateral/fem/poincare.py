@@ -31,7 +31,6 @@ at most 2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2
 
 However small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of
 gradients. Where triangles are flat, it grows with the square of their length over their height.
-
 B, D and R are those of this proof, not the coupling and the dual operator of `spaces`.
 """
 

@@ -37,6 +37,8 @@ h^(FINE_MESH_DEGREE + 1), in these units, is then below 2e-11.
 STRONG_GRADING = 2
 GRADED_CUTS = 6
 """Towards a point whose grading is above STRONG_GRADING the rule is cut so often on either side."""
+_gauss_rule = cache(leggauss)
+"""Gauss points (n,) and their weights (n,) on [-1, 1], for n points."""
 
 
 class BoundaryRule(NamedTuple):
@@ -139,7 +141,7 @@ def _place_gauss_points(breaks: Array, p: Array, grading: Array) -> tuple[Array,
     low = tau_ends.min(axis=0)[:, None]
     high = tau_ends.max(axis=0)[:, None]
     # s = p +- tau^k, so ds = k tau^{k-1} dtau
-    x, w = leggauss(GAUSS_POINTS)
+    x, w = _gauss_rule(GAUSS_POINTS)
     tau = low + 0.5 * (high - low) * (x + 1)
     return sign * tau**k, 0.5 * (high - low) * w * k * tau ** (k - 1)
 
@@ -203,8 +205,8 @@ def duffy_rule(n_points: int, grading: int = 1) -> tuple[Array, Array]:
     It has n Gauss points across, and n times the grading in tau, but at most 4 n. Not graded it is exact for
     polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric_rule`.
     """
-    x, w = leggauss(n_points * min(grading, 4))
-    y, v = leggauss(n_points)
+    x, w = _gauss_rule(n_points * min(grading, 4))
+    y, v = _gauss_rule(n_points)
     tau = 0.5 * (x[:, None] + 1)
     across = 0.5 * (y + 1)
     rho = tau**grading

@@ -153,8 +153,7 @@ def _quarter_near(mesh: Mesh, case: ExactSolution, pieces: Pieces, points: list[
     lengths = case.polygon.lengths
     kinks = case.kinks()
     line_radius = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
-    # a line has the radius 0
-    kink_radii = [
+    kink_radii = [  # a line has the radius 0
         min(line_radius, KINK_PIECE_PER_RADIUS * kink.radius) if kink.radius else line_radius
         for kink in kinks
     ]
