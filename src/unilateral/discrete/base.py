@@ -62,10 +62,7 @@ class DiscreteProblem(ABC):
 
     @abstractmethod
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
-
-        Without one the bound is at most the fraction of `stop` of other errors.
-        """
+        """A solution with an algebraic bound up to the tolerance of `stop`, or a fraction of other errors."""
 
     @abstractmethod
     def iterate(

@@ -28,10 +28,7 @@ if TYPE_CHECKING:
     Spaces = MixedSpaces | NestedSpaces
 
 MIN_MULTIGRID_UNKNOWNS = 20_000
-"""From this many unknowns on multigrid is cheaper than A_3, the matrix condensed to the boundary.
-
-Below, importing it alone takes longer.
-"""
+"""From this many unknowns on multigrid is cheaper than condensing to A_3; below, its import takes longer."""
 COARSE_MESH_UNKNOWNS = 5000
 """The coarse mesh that an unstructured one is refined from has about this many unknowns."""
 MAX_CELL_RATIO = 1.5
@@ -39,15 +36,12 @@ MAX_CELL_RATIO = 1.5
 MULTIGRID_BYTES = 400
 MACRO_ELEMENT_BYTES = 1000
 SPARSE_BYTES = 5000
-"""Bytes per unknown, as measured with 1e6 unknowns: by multigrid, and condensed to the boundary.
-
-Condensing takes MACRO_ELEMENT_BYTES where the mesh was refined often enough for these, else SPARSE_BYTES.
-"""
+"""Bytes per unknown, as measured with 1e6: by multigrid, and condensed by either way of `fem.condense`."""
 CHEAP_BOUND_BYTES = 300
 SHARP_BOUND_BYTES = 5000
 """Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
 DENSE_ENTRY_BYTES = 64
-"""Bytes per entry of A_3 or S: about eight matrices of that size are in memory."""
+"""Bytes per entry of A_3 or of S, the scaled dual operator: about eight such matrices are in memory."""
 
 
 def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:

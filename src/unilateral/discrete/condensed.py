@@ -1,4 +1,7 @@
-"""The discrete problem (P_h*), condensed to the boundary, and its solution by an iteration there."""
+"""The discrete problem (P_h*), condensed to the boundary, and its solution by an iteration there.
+
+S is the scaled dual operator of `fem.spaces`, which the iteration applies; rho is the size of its steps.
+"""
 
 from __future__ import annotations
 
@@ -42,15 +45,9 @@ FIRST_TOLERANCE_SHARE = 0.01
 ASSUMED_ERROR_SHARE = 1e-4
 """Where nothing is known of the errors, they are taken to be this fraction of the residual at lambda = 0."""
 ROUNDING_ALLOWANCE = 2.0
-"""A tolerance has room for this many times what rounding adds to the bound.
-
-It is more than once that, because what rounding adds depends on lambda_H.
-"""
+"""A tolerance has room for this many times what rounding adds to the bound, as that depends on lambda_H."""
 MAX_ROUNDING_EXCESS = 3e-4
-"""The rounding of u_h may be overestimated by this fraction of the bound.
-
-That saves a solve that would tell more.
-"""
+"""The rounding of u_h may be overestimated by this fraction of the bound, which saves a solve."""
 MAX_BOUNDED_UNKNOWNS = 100_000
 """Up to this many unknowns the error is bounded to find a tolerance, which takes 3 GB."""
 
@@ -109,16 +106,11 @@ class CondensedProblem(DiscreteProblem):
 
     def crude_tolerance(self, share: float) -> float:
         """A tolerance: a `share` of the residual at lambda = 0, and what rounding may add to the bound."""
-        return (
-            share * (self.zero_result.bound - self.zero_result.rounding)
-            + ROUNDING_ALLOWANCE * self.zero_result.rounding
-        )
+        zero = self.zero_result
+        return share * (zero.bound - zero.rounding) + ROUNDING_ALLOWANCE * zero.rounding
 
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
-
-        Without a tolerance it is a fraction of other errors, or of the residual at lambda = 0.
-        """
+        """The solution (u_h, lambda_H), by `solve_condensed_problem`."""
         return solve_condensed_problem(self, stop)
 
     def iterate(
@@ -131,13 +123,14 @@ class CondensedProblem(DiscreteProblem):
         """The solution by the algorithm that `stop` asks for, from lambda_H = start (m,) or 0.
 
         `predicted_total` is not needed: the residual of u_h is rounding, and small against any total. Without
-        a tolerance a crude one is taken, a share of the residual at 0. What rounding adds to the bound is
-        known at the end only. If the bound then misses the tolerance, the iteration goes on once.
+        a tolerance a crude one is taken, a share of the residual at 0. What rounding adds to the bound
+        depends on lambda_H, and is known at the end only. If the bound then misses the tolerance, the
+        iteration goes on once.
         """
         operator = self.spaces.operator
         max_bound = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
+        # below the floor no step helps, so that the iteration is sent no further than there
         min_tolerance = self.bound_floor if max_bound < self.bound_floor else 0.0
-        # what rounding adds to the bound depends on lambda_H: it is known once the iteration has ended
         result = run_algorithm(operator, self.offset, max(max_bound, min_tolerance), stop, start)
         u_h = self.response(result.lambda_H)
         certified = self.add_rounding_to_bound(result, u_h, max_bound)
@@ -166,30 +159,39 @@ class CondensedProblem(DiscreteProblem):
         return replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
 
     def _bound_computed_solution(self, result: DualResult, u_h: Array) -> float:
-        """The bound for u_h (n,) as it was computed, with the norm of its residual in it."""
+        """The algebraic bound for u_h (n,) as it was computed, from its gap F and its residual r."""
         spaces = self.spaces
+        # F: the means of v - (g - u_D) for v = u_h - u_D, with their rounding
+        v = u_h - self.dirichlet_lift
+        g_means = self.homogeneous_data[1][self.cells]
+        gap = gap_with_rounding(spaces.B, v[self.mesh.boundary], g_means, spaces.operator.H_i)
+        delta = self._bound_equation_residual(v, result.lambda_H, MAX_ROUNDING_EXCESS * result.bound)
+        return condensed_algebraic_bound(spaces.operator, result.lambda_H, gap, delta, result.rho)
+
+    def _bound_equation_residual(self, v: Array, mu: Array, negligible_norm: float) -> float:
+        """An upper bound delta on ||r||, r = load + B^T mu - A v for v = u_h - u_D, with all rounding.
+
+        r is only rounding: v solves that equation. A solve makes delta sharper if it is above
+        `negligible_norm`.
+        """
         condensed = self.spaces.condensed
         boundary = self.mesh.boundary
-        (homogeneous_load, g_means) = self.homogeneous_data
-        mu = result.lambda_H
-        v = u_h - self.dirichlet_lift
-        # r = load + B^T mu - A v for v = u_h - u_D, and F, the means of v - (g - u_D), with their rounding
+        homogeneous_load = self.homogeneous_data[0]
+        # B^T mu is 0 at inner nodes, where the load is not rounded
         load = Rounded(homogeneous_load.copy(), np.zeros(len(homogeneous_load)))
         load.values[boundary], load.rounding[boundary] = load_with_rounding(
-            homogeneous_load[boundary], spaces.B, mu
+            homogeneous_load[boundary], self.spaces.B, mu
         )
         residual = residual_with_rounding(*condensed.matrix_and_row_sums, v, load)
-        gap = gap_with_rounding(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
-        # ||r|| by the lumped mass; if that is too large ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
+        # by the lumped mass; it is too large by up to 1/h
         delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
-        if delta > MAX_ROUNDING_EXCESS * result.bound:
+        if delta > negligible_norm:
+            # ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
             z = condensed.solve(residual.values)
-            z_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
-            z_residual_norm = lumped_dual_norm_bound(
-                np.abs(z_residual.values) + z_residual.rounding, condensed.nodal_weights
-            )
-            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + z_residual_norm
-        return condensed_algebraic_bound(spaces.operator, mu, gap, delta, result.rho)
+            rest = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            rest_norm = lumped_dual_norm_bound(np.abs(rest.values) + rest.rounding, condensed.nodal_weights)
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + rest_norm
+        return delta
 
 
 def build_condensed_problem(
@@ -230,9 +232,8 @@ def discretise_case(spaces: MixedSpaces, exact: CaseProjections) -> CondensedPro
 
 def discretise(problem: Problem, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
-    return discretise_on_condensed_spaces(
-        problem, mixed_spaces(condense(mesh, problem_form(problem, mesh)), partition)
-    )
+    condensed = condense(mesh, problem_form(problem, mesh))
+    return discretise_on_condensed_spaces(problem, mixed_spaces(condensed, partition))
 
 
 def discretise_on_condensed_spaces(
@@ -278,9 +279,8 @@ def solve_condensed_problem(
     if discrete.exact is None and not bounded:
         return discrete.iterate(discrete.crude_tolerance(stop.fraction * ASSUMED_ERROR_SHARE), stop)
     if discrete.exact is None:
-        return discrete.improve_to_fraction(
-            discrete.iterate(discrete.crude_tolerance(FIRST_TOLERANCE_SHARE), stop), stop
-        )
+        first_solution = discrete.iterate(discrete.crude_tolerance(FIRST_TOLERANCE_SHARE), stop)
+        return discrete.improve_to_fraction(first_solution, stop)
     return _solve_case(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 
 
@@ -297,5 +297,6 @@ def _solve_case(
         return solution
     # of ||lambda - lambda_H||_{-1/2,h} <= ||lambda - lambda_H||_{-1/2} the bound over beta may be a fraction
     error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solution.result.lambda_H))
+    # Nesterov's steps go on; from so near a start "auto" might choose plain Uzawa
     further_stop = replace(stop, algorithm="nesterov") if solution.result.algorithm == "nesterov" else stop
     return discrete.improve(solution, stop.fraction * error * beta, further_stop, tolerance_share=1.0)

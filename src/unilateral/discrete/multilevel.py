@@ -110,11 +110,9 @@ class MultilevelProblem(DiscreteProblem):
     def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated further to a smaller tolerance."""
         start = solution.u_h - self.dirichlet_lift, solution.result.lambda_H > 0
-        further_solution = self._convert_result(
-            self.multigrid.solve(
-                tolerance, start, max_residual_norm=RESIDUAL_NORM_SHARE * tolerance / stop.fraction
-            )
-        )
+        max_residual_norm = RESIDUAL_NORM_SHARE * tolerance / stop.fraction
+        further_result = self.multigrid.solve(tolerance, start, max_residual_norm=max_residual_norm)
+        further_solution = self._convert_result(further_result)
         return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
@@ -209,9 +207,8 @@ def _extend_clamped_values(clamped_values: Array, mesh: Mesh, form: Form) -> Arr
         clamped_nodes = form.clamped_nodes(mesh)
         for step in mesh.steps:
             new_nodes = slice(step.n_old_nodes, step.n_old_nodes + len(step.ends))
-            lift[new_nodes] = np.where(
-                clamped_nodes[new_nodes], lift[new_nodes], lift[step.ends].mean(axis=1)
-            )
+            means = lift[step.ends].mean(axis=1)
+            lift[new_nodes] = np.where(clamped_nodes[new_nodes], lift[new_nodes], means)
     return lift
 
 
@@ -272,9 +269,8 @@ def _solve_from_previous(
     """The solution of a problem, from that on the mesh before, if there is one."""
     if previous_solution is None:
         return discrete.improve_to_fraction(discrete.iterate(None, stop), stop)
-    start = previous_solution.partition.means(previous_solution.lambda_H, discrete.partition.points)[
-        discrete.cells
-    ]
+    means = previous_solution.partition.means(previous_solution.lambda_H, discrete.partition.points)
     total = previous_solution.total_bound("h1")
-    solution = discrete.iterate(RETRY_TOLERANCE_SHARE * stop.fraction * total, stop, start, total)
+    tolerance = RETRY_TOLERANCE_SHARE * stop.fraction * total
+    solution = discrete.iterate(tolerance, stop, start=means[discrete.cells], predicted_total=total)
     return discrete.improve_to_fraction(solution, stop)

@@ -17,10 +17,7 @@ from unilateral.problems.case import ExactSolution
 from unilateral.problems.problem import Problem
 
 NEGLIGIBLE_FRIEDRICHS_RATIO = 100.0
-"""Where c C^2 is more than this times k, the constant C of Friedrichs is not needed.
-
-It would lower the bound c^{-1/2} on ||v||_0 over ||v|| by less than half a per cent.
-"""
+"""Where c C^2 > k times this, C would lower the bound c^{-1/2} on ||v||_0 / ||v|| by less than 0.5 %."""
 
 
 def problem_form(problem: Problem, mesh: Mesh) -> Form:

@@ -26,39 +26,18 @@ from unilateral.solvers.uzawa import DualResult
 class DiscreteSolution:
     """(u_h, lambda_H) on a mesh and a partition, without what solved it: it can be copied and pickled.
 
-    Bounds, and what else follows from these numbers, are computed when they are asked for.
+    Bounds, and what else follows from these numbers, are computed when they are asked for. `data` has f, g
+    and q on the mesh, by which errors are bounded; it is None where they were not enclosed. `cells` (m,) are
+    those that have a multiplier. `g_means` (all cells,) are the means of g, `u_h` (n,) the values at the
+    nodes, and `lambda_H` (all cells,) is 0 on cells without a multiplier.
 
-    Parameters
-    ----------
-    data
-        f, g and q on the mesh, by which errors are bounded; None where they were not enclosed.
-    mesh, partition, form
-        The spaces, and the bilinear form with its clamped and free sides.
-    cells : (m,)
-        The cells of the partition that have a multiplier.
-    g_means : (all cells,)
-        The means of g.
-    u_h : (n,)
-        Values at the nodes.
-    lambda_H : (all cells,)
-        Multipliers, 0 on cells without one.
-    result
-        What the iteration found, with its algebraic bound.
-    tolerance
-        What the algebraic bound was to be.
-    beta
-        The number that serves as beta of (3.4).
-    unique
-        Whether lambda_H is known to be the only one.
-    u_norm, u_integral
-        ||u_h|| and the integral of u_h.
-    force
-        The integral of lambda_H.
-    lambda_norm
-        A lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
-    potential : (n,), optional
-        If u_h is of another program: the function that solves the discrete equation with lambda_H. The bounds
-        on the errors of u_h make their flux from it.
+    `result` is what the iteration found, with its algebraic bound, which was to be at most `tolerance`.
+    `beta` serves as beta of (3.4), and `unique` says whether lambda_H is known to be the only one. `u_norm`
+    and `u_integral` are ||u_h|| and the integral of u_h, `force` is the integral of lambda_H, and
+    `lambda_norm` a lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
+
+    If u_h is of another program, `potential` (n,) is the function that solves the discrete equation with
+    lambda_H. The bounds on the errors of u_h make their flux from it.
     """
 
     data: EnclosedData | None
@@ -132,10 +111,9 @@ class DiscreteSolution:
         if self.data is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
-        sigma = build_normal_flux(self.mesh, self.partition, self.lambda_H, potential, self.form).end_values
-        return equilibrate_source(
-            self.data.source, potential, sigma + self.data.given_flux.end_values, self.form
-        )
+        sigma = build_normal_flux(self.mesh, self.partition, self.lambda_H, potential, self.form)
+        end_fluxes = sigma.end_values + self.data.given_flux.end_values
+        return equilibrate_source(self.data.source, potential, end_fluxes, self.form)
 
     @property
     def bound_shares(self) -> Array:

@@ -26,6 +26,7 @@ MAX_CONSTANT_ERROR = 1e-8
 """Constants have to be solved for with at most this error; guarantees hold up to this rounding of A_3."""
 MIN_MACRO_HALVINGS = 3
 """Macro-elements pay on meshes that were refined at least this often."""
+Factors = SparseFactors | MacroElementFactors
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class CondensedMatrix:
     """
 
     mesh: Mesh
-    factors: SparseFactors | MacroElementFactors
+    factors: Factors
     A_3: Array
     cholesky: Array
     form: Form = H1
@@ -79,9 +80,10 @@ class CondensedMatrix:
 
     @cached_property
     def sigma_1(self) -> float:
-        """The smallest sigma with (v, w) = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
+        """The least sigma with (v, w) = sigma <v, w> for a v and all w in V_h: above Steklov's by O(h^2)."""
         clamped = self.clamped_nodes[self.mesh.boundary]
         size = len(clamped)
+        # clamped rows of the mass are 0: they give the eigenvalue 0, which is not the largest one below
         mass = decouple_nodes(boundary_mass(self.mesh), clamped)
         mass.setdiag(np.where(clamped, 0.0, mass.diagonal()))
 
@@ -108,23 +110,18 @@ def condense(mesh: Mesh, form: Form = H1) -> CondensedMatrix:
     """
     if mesh.halvings < MIN_MACRO_HALVINGS:
         return condense_factors(mesh, factorise_by_dissection(form_matrix(mesh, form), mesh.boundary), form)
-    factors = MacroElementFactors(mesh, form)
-    _check_factors(mesh, factors, form)
-    return CondensedMatrix(mesh, factors, A_3=factors.A_3, cholesky=factors.cholesky, form=form)
+    return condense_factors(mesh, MacroElementFactors(mesh, form), form)
 
 
-def condense_factors(mesh: Mesh, factors: SparseFactors, form: Form = H1) -> CondensedMatrix:
-    """The condensation from the factors of A with the boundary last. Raises InputError as `condense` does."""
-    _check_factors(mesh, factors, form)
-    cholesky = schur_factor(factors.lu, len(mesh.boundary))
-    return CondensedMatrix(mesh, factors, A_3=cholesky.T @ cholesky, cholesky=cholesky, form=form)
-
-
-def _check_factors(mesh: Mesh, factors: SparseFactors | MacroElementFactors, form: Form) -> None:
-    """Raises InputError where the factors do not solve for constants, if no side is clamped."""
+def condense_factors(mesh: Mesh, factors: Factors, form: Form = H1) -> CondensedMatrix:
+    """The condensation from factors of A with the boundary last. Raises InputError as `condense` does."""
     if not form.clamped:
         # the load of c (1, v)_0 has the solution 1
         check_constants(mesh, form, factors.solve(form.c * lumped_mass(mesh)))
+    if isinstance(factors, MacroElementFactors):
+        return CondensedMatrix(mesh, factors, A_3=factors.A_3, cholesky=factors.cholesky, form=form)
+    cholesky = schur_factor(factors.lu, len(mesh.boundary))
+    return CondensedMatrix(mesh, factors, A_3=cholesky.T @ cholesky, cholesky=cholesky, form=form)
 
 
 def check_constants(mesh: Mesh, form: Form, u: Array) -> None:

@@ -23,7 +23,10 @@ MATRIX_ROWS_PER_BLOCK = 1 << 17
 
 
 def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Array]:
-    """The products (T, 3) that belong to the edges opposite to the `triangles` (T, 3), and the areas (T,)."""
+    """The products of the hats' gradients (T, 3), by edges, and the areas (T,) of the `triangles` (T, 3).
+
+    Product i is (e_j . e_k) / (4 |T|), of the hats at the ends of the edge opposite to node i.
+    """
     stiffness = np.empty(triangles.shape)
     area = np.empty(len(triangles))
     for block in row_blocks(len(triangles)):
@@ -37,9 +40,10 @@ def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Ar
     return stiffness, area
 
 
-def _edge_entries(form: Form, stiffness: Array, area: Array) -> Array:
-    """Each triangle's contribution to the matrix entries of its three edges; shape (T, 3)."""
-    return form.k * stiffness + (form.c * area / 12)[:, None]
+def _edge_entries(points: Array, triangles: Int32, form: Form) -> tuple[Array, Array]:
+    """Each triangle's contributions (T, 3) to the matrix entries of its edges, and the areas (T,)."""
+    stiffness, area = edge_stiffness_and_areas(points, triangles)
+    return form.k * stiffness + (form.c * area / 12)[:, None], area
 
 
 def assemble_by_edges(
@@ -53,11 +57,9 @@ def assemble_by_edges(
     mass = np.zeros(triangulation.n_nodes)
     edge_values = np.zeros(len(triangulation.ends))
     for block in row_blocks(len(triangulation.nodes)):
-        stiffness, area = edge_stiffness_and_areas(points, triangulation.nodes[block])
+        entries, area = _edge_entries(points, triangulation.nodes[block], form)
         np.add.at(mass, triangulation.nodes[block].ravel(), np.repeat(area / 3, 3))
-        np.add.at(
-            edge_values, triangulation.edges[block].ravel(), _edge_entries(form, stiffness, area).ravel()
-        )
+        np.add.at(edge_values, triangulation.edges[block].ravel(), entries.ravel())
     # rows of the stiffness add up to 0: what the diagonal has is c (1, phi_i)_0 less the entries beside it
     sums = form.c * mass
     diagonal = sums.copy()
@@ -70,6 +72,7 @@ def assemble_by_edges(
             np.subtract.at(sums, end, edge_values[fixed_edges])
         sums[fixed] = diagonal[fixed]
         edge_values[fixed_edges] = 0.0
+    # the diagonal comes first, so that rows begin with it
     nodes = np.arange(n, dtype=np.int32)
     (a, b) = triangulation.ends.T
     A = _csr_from_distinct_entries(
@@ -84,7 +87,10 @@ def assemble_by_edges(
 def assemble_rows(
     points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
 ) -> sp.csr_array:
-    """The rows of the matrix of a form that belong to some nodes; shape (k, n)."""
+    """The rows (k, n) of the matrix of a form that belong to some nodes, the diagonal among the others.
+
+    `triangles` has all at these nodes. Nodes that are `fixed` (n,) are decoupled from the others.
+    """
     blocks = [
         _assemble_row_block(points, triangles, row_nodes[block], n, form, fixed)
         for block in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
@@ -97,30 +103,26 @@ def _assemble_row_block(
 ) -> sp.csr_array:
     """The rows (k, n) that belong to some nodes, assembled at once.
 
-    An edge from a node leads to the next corner in at most one triangle, and to the last corner in at most
-    one. So two matrices with distinct entries add up to the part off the diagonal.
+    Corners of triangles stand anticlockwise. So an edge from a node leads to the next corner in at most one
+    triangle, and to the last corner in at most one. Two matrices with distinct entries, one for each, then
+    add up to the part off the diagonal.
     """
     row_number = np.full(n, -1, dtype=np.int32)
     row_number[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)
-    touching = np.flatnonzero((row_number[triangles] >= 0).any(axis=1))
-    (stiffness, area) = edge_stiffness_and_areas(points, triangles[touching])
-    corners = triangles[touching].T
-    edge_values = _edge_entries(form, stiffness, area).T
-    corner_rows = row_number[corners]
-    # for each of the corners i = 0, 1, 2, the triangles in which it is one of the row nodes
-    incident = [np.flatnonzero(numbers >= 0) for numbers in corner_rows]
-    rows = np.concatenate([numbers[chosen] for numbers, chosen in zip(corner_rows, incident, strict=True)])
+    triangles = triangles[(row_number[triangles] >= 0).any(axis=1)]
+    edge_values, area = _edge_entries(points, triangles, form)
+    # every corner of a triangle that is one of the row nodes
+    corner, triangle = np.nonzero(row_number[triangles.T] >= 0)
+    rows = row_number[triangles[triangle, corner]]
     diagonal = np.zeros(len(row_nodes))
-    shape = (len(row_nodes), n)
     # as in `assemble_by_edges`: a row adds up to c thirds of the area around its node
-    np.add.at(diagonal, rows, form.c * np.concatenate([area[chosen] for chosen in incident]) / 3)
+    np.add.at(diagonal, rows, form.c * area[triangle] / 3)
+    shape = (len(row_nodes), n)
     off_diagonal = sp.csr_array(shape)
     # the next corner i + 1 lies on the edge opposite to i + 2, the last one i + 2 on that opposite to i + 1
     for step, opposite in ((1, 2), (2, 1)):
-        columns = np.concatenate([corners[(i + step) % 3][chosen] for i, chosen in enumerate(incident)])
-        values = np.concatenate(
-            [edge_values[(i + opposite) % 3][chosen] for i, chosen in enumerate(incident)]
-        )
+        columns = triangles[triangle, (corner + step) % 3]
+        values = edge_values[triangle, (corner + opposite) % 3]
         np.subtract.at(diagonal, rows, values)
         values = np.where(fixed[columns] | fixed[row_nodes[rows]], 0.0, values)
         off_diagonal = off_diagonal + _csr_from_distinct_entries(values, rows, columns, shape)
@@ -132,7 +134,8 @@ def _assemble_row_block(
 def _csr_from_distinct_entries(
     values: Array, rows: Int32, columns: Int32, shape: tuple[int, int]
 ) -> sp.csr_array:
-    """The matrix with these entries. No two of them are in one place, and none such are looked for."""
+    """The matrix with these entries, of which no two may be in one place."""
     entries = sp.coo_array((values, (rows, columns)), shape=shape)
+    # said to be free of double entries, so that SciPy neither looks for any nor sorts rows
     entries.has_canonical_format = True
     return entries.tocsr()

@@ -80,6 +80,9 @@ def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
 
 
 def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Array:
-    """The sums (n,) of the rows of a decoupled matrix, from those of the matrix before it was decoupled."""
+    """The sums (n,) of the rows of a decoupled matrix, from those of the matrix before it was decoupled.
+
+    Only rows that meet `fixed` nodes (n,) are added up, with more rounding. No row is empty.
+    """
     meets_fixed = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
     return np.where(meets_fixed, A.sum(axis=1), full_row_sums)

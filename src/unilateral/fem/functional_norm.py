@@ -61,11 +61,10 @@ def interpolation_constant(halvings: int) -> float:
     """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
-    # M_{j+k} <= M_j M_k: as many factors M_7 as there are, times the rest
+    # 2 k + 1 halvings of areas at most have M_k, and M_{j+k} <= M_j M_k: as many factors M_7 as there are
     times, k = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
-    return float(
-        INTERPOLATION_CONSTANTS[-1] ** times * (INTERPOLATION_CONSTANTS[k] if k or not times else 1.0)
-    )
+    rest = INTERPOLATION_CONSTANTS[k] if k or not times else 1.0
+    return float(INTERPOLATION_CONSTANTS[-1] ** times * rest)
 
 
 def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array | float = 0.0) -> float:
@@ -107,6 +106,7 @@ def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
     z = np.zeros_like(R)
     n = hierarchy.A_0.shape[0]
     corrections: list[Array] = []
+    # the last level has no rows of its own: its sweep takes those of A
     if hierarchy.levels:
         A = hierarchy.A
         nodes = hierarchy.levels[-1].smoothed_nodes
@@ -143,12 +143,13 @@ def norm_bound_beyond_coarsest(hierarchy: Hierarchy, R: Array) -> float:
 
 def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
     """The weights rho_e (k,) of the edges that each level has halved, from the last level to the first."""
+    # how often, from level 0 on, the area of the smallest descendant of each triangle was halved
     deepest = hierarchy.area_halvings
     M = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
     for level in reversed(hierarchy.levels):
         step = level.step
-        # how often areas are halved in all below each triangle of the level before, and below its children
-        total_halvings = deepest[level.step.triangles]
+        # halvings below the children of each triangle of the level before; then `deepest` for that level
+        total_halvings = deepest[step.triangles]
         halvings_below = np.zeros(step.n_old_triangles, dtype=np.int16)
         deepest = deepest[: step.n_old_triangles].copy()
         np.maximum.at(halvings_below, step.parent, total_halvings - level.area_halvings)
@@ -160,6 +161,5 @@ def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
             * hierarchy.roundness[hierarchy.coarse_triangle[: step.n_old_triangles]]
             / (CHILDREN_CONSTANTS[children] * M[halvings_below])
         )
-        yield rho[step.edge_triangles[:, 0]] + np.where(
-            step.edge_triangles[:, 1] >= 0, rho[step.edge_triangles[:, 1]], 0
-        )
+        first, second = step.edge_triangles.T
+        yield rho[first] + np.where(second >= 0, rho[second], 0)

@@ -61,38 +61,42 @@ class FinerSpace:
         """Give v, which has values at the nodes of the level before, those at the new nodes, in place."""
         v[self.n_coarse : self.n] = self.P @ v[self.ends]
 
-    def sweep_down(self, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
+    def sweep_down(self, rows: sp.csr_array, r: Array) -> tuple[Array, Array]:
         """x (s,), a forward sweep of Gauss and Seidel from 0 for r (n,), and what is left at its nodes.
 
-        S are the rows of a matrix at the `smoothed_nodes`; S x is taken from r.
+        `rows` are those of a symmetric matrix at the `smoothed_nodes`. Its product with x is taken from r.
         """
         if self.smoothed_nodes is None:
             x = np.zeros(self.n)
             level_r = r[: self.n]
-            gauss_seidel(S.indptr, S.indices, S.data, x, level_r, 0, self.n, 1)
-            level_r -= S @ x
+            gauss_seidel(rows.indptr, rows.indices, rows.data, x, level_r, 0, self.n, 1)
+            level_r -= rows @ x
             return x, level_r.copy()
         assert self.columns is not None
-        x = np.zeros(S.shape[1])
-        k = S.shape[0]
-        gauss_seidel(S.indptr, S.indices, S.data, x, r[self.smoothed_nodes], 0, k, 1)
-        r[self.columns] -= S.T @ x[:k]
+        # the rows reach further nodes, at which x is 0
+        x = np.zeros(rows.shape[1])
+        k = rows.shape[0]
+        gauss_seidel(rows.indptr, rows.indices, rows.data, x, r[self.smoothed_nodes], 0, k, 1)
+        r[self.columns] -= rows.T @ x[:k]
         return x[:k], r[self.smoothed_nodes]
 
-    def sweep_up(self, S: sp.csr_array, e: Array, x: Array, residual: Array) -> None:
-        """Add x and a backward sweep for what is left (s,) to e (n,), which comes from coarser levels."""
+    def sweep_up(self, rows: sp.csr_array, e: Array, x: Array, residual: Array) -> None:
+        """Add x and a backward sweep to the correction e (n,), which comes from coarser levels, in place.
+
+        x and the `residual` (s,) that it leaves are those of `sweep_down`; the residual is overwritten.
+        """
         if self.smoothed_nodes is None:
             level_e = e[: self.n]
             y = np.zeros(self.n)
-            residual -= S @ level_e
-            gauss_seidel(S.indptr, S.indices, S.data, y, residual, self.n - 1, -1, -1)
+            residual -= rows @ level_e
+            gauss_seidel(rows.indptr, rows.indices, rows.data, y, residual, self.n - 1, -1, -1)
             level_e += x
             level_e += y
             return
-        y = np.zeros(S.shape[1])
-        k = S.shape[0]
-        residual -= S @ e[self.columns]
-        gauss_seidel(S.indptr, S.indices, S.data, y, residual, k - 1, -1, -1)
+        y = np.zeros(rows.shape[1])
+        k = rows.shape[0]
+        residual -= rows @ e[self.columns]
+        gauss_seidel(rows.indptr, rows.indices, rows.data, y, residual, k - 1, -1, -1)
         e[self.smoothed_nodes] += x + y[:k]
 
     def attach_rows(self, rows: sp.csr_array) -> FinerSpace:
@@ -102,6 +106,7 @@ class FinerSpace:
         touched = np.zeros(self.n, dtype=bool)
         touched[rows.indices] = True
         touched[self.smoothed_nodes] = False
+        # columns are numbered anew: the smoothed nodes, as the rows, then the others that rows reach
         columns = np.concatenate([self.smoothed_nodes, np.flatnonzero(touched).astype(np.int32)])
         place = np.empty(self.n, dtype=np.int32)
         place[columns] = np.arange(len(columns), dtype=np.int32)
@@ -179,6 +184,7 @@ class Hierarchy:
         # a coarse hat is the sum of the finer ones in it, each times its value: so is its lumped mass
         mass = self.nodal_weights.copy()
         last.restrict(mass)
+        # without clamped sides the coercivity is c, and rows of A add up to c times the lumped mass
         sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
         s = np.append(self.s[coarse_boundary], self.s[-1])
         return replace(
@@ -196,7 +202,7 @@ class Hierarchy:
 def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = H1) -> Hierarchy:
     """The levels from the coarse mesh that a mesh was refined from, to the mesh itself.
 
-    Those of the `previous` hierarchy, of a mesh from which this one was refined, are taken over.
+    Those of the `previous` hierarchy, and its form, are taken over; this mesh was refined from its mesh.
     """
     hierarchy = previous or _build_level_0(mesh.coarse or mesh, form)
     steps = mesh.steps[len(hierarchy.levels) :]
@@ -220,23 +226,21 @@ def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = 
         area_halvings = step.replace_values(area_halvings, child_halvings)
         level = _build_level(step, child_halvings, clamped_nodes)
         if step is not steps[-1]:
-            level = level.attach_rows(
-                _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
-            )
+            rows = _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
+            level = level.attach_rows(rows)
         levels.append(level)
-    fields = _finest_fields(mesh, form)
     return replace(
         hierarchy,
         levels=levels,
         triangles=triangles,
         coarse_triangle=coarse_triangle,
         area_halvings=area_halvings,
-        **fields,
+        **_finest_fields(mesh, form),
     )
 
 
 def _finest_fields(mesh: Mesh, form: Form) -> dict[str, Any]:
-    """The fields that belong to the mesh of the last level."""
+    """The fields of a `Hierarchy` that belong to the mesh of the last level, by their names."""
     clamped_nodes = form.clamped_nodes(mesh)
     A, sums, mass = assemble_by_edges(mesh.triangulation, mesh.points, form, clamped_nodes)
     mass *= form.coercivity
@@ -253,7 +257,7 @@ def _finest_fields(mesh: Mesh, form: Form) -> dict[str, Any]:
 def _assemble_level_rows(
     level: FinerSpace, points: Array, triangles: Int32, form: Form, clamped_nodes: Mask
 ) -> sp.csr_array:
-    """The rows of a level whose triangles have those nodes (T, 3)."""
+    """The matrix's rows at the `smoothed_nodes`, or all; `triangles` (T, 3) are those of the level."""
     clamped_nodes = clamped_nodes[: level.n]
     if level.step.refined_triangulation:
         return assemble_by_edges(level.step.refined_triangulation, points, form, clamped_nodes)[0]
@@ -263,25 +267,26 @@ def _assemble_level_rows(
 
 def _build_level_0(mesh: Mesh, form: Form) -> Hierarchy:
     """The hierarchy of a mesh that was not refined."""
-    triangulation = mesh.triangulation
+    nodes = mesh.triangulation.nodes
     fields = _finest_fields(mesh, form)
-    coarse_triangle = np.arange(len(triangulation.nodes), dtype=np.int32)
-    area_halvings = np.zeros(len(triangulation.nodes), dtype=np.int16)
     return Hierarchy(
         coarse_mesh=mesh,
         A_0=fields["A"],
         coarse_factors=splu(fields["A"].tocsc()),
         levels=[],
         **fields,
-        triangles=triangulation.nodes,
-        coarse_triangle=coarse_triangle,
-        area_halvings=area_halvings,
+        triangles=nodes,
+        coarse_triangle=np.arange(len(nodes), dtype=np.int32),
+        area_halvings=np.zeros(len(nodes), dtype=np.int16),
         form=form,
     )
 
 
 def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask) -> FinerSpace:
-    """The level that a step makes, without its rows; some of the nodes (n,) are `clamped_nodes`."""
+    """The level that a step makes, without its rows; some of the nodes (n,) are `clamped_nodes`.
+
+    `area_halvings` are those of the step's new triangles.
+    """
     n = step.n_old_nodes
     k = len(step.ends)
     changed = np.zeros(n, dtype=bool)
@@ -289,7 +294,7 @@ def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask
     ends = np.flatnonzero(changed).astype(np.int32)
     place = np.empty(n, dtype=np.int32)
     place[ends] = np.arange(len(ends), dtype=np.int32)
-    # the value at a new node is the mean of those at the ends of its edge, 0 at clamped ends
+    # the value at a new node is the mean of those at the two ends of its edge, 0 at clamped ends
     start = np.arange(0, 2 * k + 1, 2, dtype=np.int32)
     half = np.where(clamped_nodes[step.ends.ravel()], 0.0, 0.5)
     P = sp.csr_array((half, place[step.ends.ravel()], start), shape=(k, len(ends)))

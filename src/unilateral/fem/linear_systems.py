@@ -74,6 +74,7 @@ def elimination_order(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> Index:
     if not pymetis:
         first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SUPERLU_OPTIONS)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
+    # `starts` needs the entries sorted by row, as those of CSR are
     rows = graph.row[off_diagonal]
     neighbours = graph.col[off_diagonal]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
@@ -98,9 +99,11 @@ def half_solve(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     """X (n, k) with X^T X = F^T A^{-1} F, for a symmetric positive definite A (n, n) and a sparse F (n, k).
 
     A factorisation of A bordered by F, its unknowns last, leaves L^{-1} F beside the factors of A = L U,
-    U = diag(pivots) L^T: it fills in only along the separators, where solutions are dense.
+    U = diag(pivots) L^T: it fills in only along the separators, where solutions are dense. Rows of X are in
+    the `order` of elimination.
     """
     n, k = F.shape
+    # -I in the corner keeps its pivots away from 0: what is left there is -(I + F^T A^{-1} F)
     bordered = sp.block_array([[A, F], [F.T, -sp.eye_array(k)]], format="csr")
     lu = factorise(bordered, np.append(order, np.arange(n, n + k)))
     if not np.array_equal(lu.perm_r, lu.perm_c):

@@ -88,7 +88,7 @@ class MacroElementFactors:
             for shape_nodes, K in zip(nodes, matrices, strict=True)
             for perimeter in shape_nodes
         ]
-        # A_3: what is left of the matrix of the whole mesh, its rows in the order of `mesh.boundary`
+        # A_3: what is left of the matrix of the whole mesh; root.nodes[order] is mesh.boundary
         root = self._join_patches(patches, mesh.points, total_counts)
         order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
         coupled = ~(self.clamped_boundary[:, None] | self.clamped_boundary) | np.eye(len(order), dtype=bool)
@@ -120,6 +120,7 @@ class MacroElementFactors:
         nodes = next(levels)
         for outer in levels:
             shapes, copies, _ = outer.shape
+            # the four children of a triangle follow one another in `nodes`
             K = self._condense_four_children(K, nodes.reshape(shapes, copies, 4, -1), outer)
             nodes = outer
         return nodes, K
@@ -142,16 +143,18 @@ class MacroElementFactors:
     def _join_patches(
         self, patches: list[CondensedPatch], points: Array, total_counts: Index
     ) -> CondensedPatch:
-        """The union of all parts, halved across its longer extent, and each half first joined in itself."""
+        """The union of all patches: halved across the longer extent, and each half joined in itself first."""
         if len(patches) == 1:
             return patches[0]
         centres = np.array([points[patch.nodes].mean(axis=0) for patch in patches])
         order = np.argsort(centres[:, np.argmax(np.ptp(centres, axis=0))], kind="stable")
         half = len(patches) // 2
-        pair = [
-            self._join_patches([patches[k] for k in members], points, total_counts)
-            for members in (order[:half], order[half:])
-        ]
+        first = self._join_patches([patches[k] for k in order[:half]], points, total_counts)
+        second = self._join_patches([patches[k] for k in order[half:]], points, total_counts)
+        return self._join_pair((first, second), total_counts)
+
+    def _join_pair(self, pair: tuple[CondensedPatch, CondensedPatch], total_counts: Index) -> CondensedPatch:
+        """The union of two patches, from which the nodes that have become inner ones are eliminated."""
         # a node is inside once all of its triangles, `total_counts`, are in the union
         nodes = np.union1d(pair[0].nodes, pair[1].nodes)
         counts = np.zeros_like(nodes)
@@ -167,22 +170,24 @@ class MacroElementFactors:
             position = rank[np.searchsorted(nodes, patch.nodes)]
             K[0, position[:, None], position] += patch.K
         inner, outer = np.split(nodes[order], [i])
-        return CondensedPatch(
-            outer, counts[order][i:], self._eliminate_inner(K, inner[None, None], outer[None, None])[0]
-        )
+        K_outer = self._eliminate_inner(K, inner[None, None], outer[None, None])[0]
+        return CondensedPatch(outer, counts[order][i:], K_outer)
 
     def _eliminate_inner(self, K: Array, inner: Index, outer: Index) -> Array:
-        """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes; a stage is appended."""
+        """The Schur complements (s, o, o) of K (s, i + o, i + o) on the outer nodes; a stage is appended.
+
+        `inner` (s, p, i) and `outer` (s, p, o) are the nodes of the p parts that share a matrix.
+        """
         i = inner.shape[-1]
         if i == 0:
             return K
         factor = cholesky(K[:, :i, :i], lower=True)
         W = K[:, :i, i:].copy()
         schur = K[:, i:, i:].copy()
-        # with K_ii = L L^T and Y = L^{-1} K_io: S = K_oo - Y^T Y, and W = K_ii^{-1} K_io = L^{-T} Y
-        for L, Y, S in zip(factor, W, schur, strict=True):
+        # K_ii = L L^T and Y = L^{-1} K_io: the complement is K_oo - Y^T Y, and W = K_ii^{-1} K_io = L^{-T} Y
+        for L, Y, complement in zip(factor, W, schur, strict=True):
             Y[:] = solve_triangular(L, Y, lower=True, check_finite=False)
-            S -= Y.T @ Y
+            complement -= Y.T @ Y
             Y[:] = solve_triangular(L, Y, lower=True, trans="T", check_finite=False)
         self.stages.append(EliminationStage(inner, outer, factor, W))
         return schur
@@ -206,17 +211,17 @@ def perimeter_nodes(coarse: Triangulation, halvings: int) -> Iterator[Index]:
     levels = [coarse]
     for _ in range(halvings):
         levels.append(refine_triangulation(levels[-1])[0])
+    # the nodes (E, m + 1) on each edge of the level, which are its ends on the finest one
     along = levels[-1].ends
     while levels:
         triangulation = levels.pop()
-        # `refine_triangulation` puts first children before second ones; here each triangle is followed by its
-        # sisters
+        n_edges = len(triangulation.ends)
+        # `refine_triangulation` puts all first children before second ones; here sisters follow one another
         order = np.arange(len(triangulation.nodes)).reshape(*[4] * len(levels), -1).T.ravel()
-        if len(along) > len(triangulation.ends):  # the halves of edge e are e and E + e
-            first, second = np.split(along[: 2 * len(triangulation.ends)], 2)
-            along = np.concatenate([first, second[:, 1:]], axis=1)
+        if len(along) > n_edges:  # the halves of edge e are e and E + e, which meet at its midpoint
+            along = np.concatenate([along[:n_edges], along[n_edges : 2 * n_edges, 1:]], axis=1)
+        # edge i is opposite to node i: the one from node i to i + 1 is edge i + 2, or that turned around
         line = along[np.roll(triangulation.edges[order], 1, axis=1)]
-        line = np.where((line[..., 0] == triangulation.nodes[order])[..., None], line, line[..., ::-1])[
-            ..., :-1
-        ]
+        begins_at_node = line[..., 0] == triangulation.nodes[order]
+        line = np.where(begins_at_node[..., None], line, line[..., ::-1])[..., :-1]
         yield line.reshape(len(line), -1).astype(np.intp)

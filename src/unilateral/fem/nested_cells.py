@@ -46,7 +46,7 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
     one edge only.
     """
     s = hierarchy.s
-    # cell i reaches from boundary node ends[i, 0] to ends[i, 1]
+    # cell i reaches from boundary node ends[i, 0] to ends[i, 1], the nearest ones to its end points
     chosen = hierarchy.form.has_multiplier(partition.side)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
     ends = np.column_stack([place[:-1], place[1:]])[chosen]
@@ -71,13 +71,17 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
 
 
 def _group_cells(ends: Index, side: Index) -> Index | None:
-    """The first cell of each union that is a cell of the level before; None if a side has no room."""
+    """The number of the first cell of each union; None if a side is too short for one.
+
+    A union is a cell of the level before. `ends` (m, 2) are places along the boundary, as in `nested_cells`,
+    and `side` (m,) are the cells' sides. Every second place is a node of the level before.
+    """
     firsts: list[int] = []
     for number in np.unique(side):
         first, *candidates = np.flatnonzero(side == number).tolist()
         begins = [first]
         for i in candidates:
-            # a cell of the level before begins at one of its nodes, and after enough edges
+            # a union begins at a node of the level before, where its edges are two of this level
             if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * MIN_EDGES_PER_CELL:
                 begins.append(i)
         # what is left of the side goes to the union before, if it is too short for one of its own
@@ -90,10 +94,10 @@ def _group_cells(ends: Index, side: Index) -> Index | None:
 
 
 def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
-    """The node inside each cell that has the longest edges beside it; shape (m,).
+    """The node inside each cell whose hat has the largest integral: the longest edges; shape (m,).
 
-    By its hat `multigrid_bounds.shift_to_feasible` closes the gap on the cell, which has two edges at least.
-    `ends` (m, 2) are places along the boundary, as in `nested_cells`.
+    `multigrid_bounds.shift_to_feasible` closes the gap on the cell by this hat, times the gap over that
+    integral. A cell has two edges at least. `ends` (m, 2) are places along the boundary.
     """
     # nodes inside cells, sorted by cell and then by the length of their two edges, the longest first
     length = np.diff(hierarchy.s)
@@ -106,6 +110,7 @@ def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
 def _integrate_hats(hierarchy: Hierarchy, ends: Index) -> sp.csr_array:
     """B (m, n): half of each edge's length, for both of its ends unless these are clamped."""
     count = ends[:, 1] - ends[:, 0]
+    # the edges of all cells, one cell after another
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]
     half = 0.5 * np.diff(hierarchy.s)[edge]

@@ -179,8 +179,7 @@ def energy_norm(mesh: Mesh, v: Array, form: Form = H1) -> float:
         # (2 |T| grad v)_j, turned: the sum of v_i times the opposite edge; and the mean of v^2 over T
         differences = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
         mean_squares = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
-        square += form.k * float(
-            np.sum(0.25 * (differences[0] ** 2 + differences[1] ** 2) / mesh.areas[block])
-        )
+        gradient_squares = 0.25 * (differences[0] ** 2 + differences[1] ** 2) / mesh.areas[block]
+        square += form.k * float(np.sum(gradient_squares))
         square += form.c * float(mesh.areas[block] @ mean_squares)
     return unit * math.sqrt(square)

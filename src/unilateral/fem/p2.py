@@ -56,13 +56,11 @@ def quadratic_square_norms(areas: Array, hats: Array, bubbles: Array) -> Array:
 
 
 def gradients_at_nodes(hat_gradients: Array, hats: Array, bubbles: Array) -> Array:
-    """The gradients of a function of P2 at the corners of each triangle; shape (k, 3, 2).
-
-    grad 4 psi_i psi_j is 4 grad psi_j at i, and 4 grad psi_i at j.
-    """
+    """The gradients of a function of P2 at the corners of each triangle; shape (k, 3, 2)."""
     linear = np.einsum("tid,ti->td", hat_gradients, hats)[:, None]
     next_gradients = np.roll(hat_gradients, -1, axis=1)
     previous_gradients = np.roll(hat_gradients, 1, axis=1)
+    # at node i the gradient of bubble i is 4 grad psi_{i+1}, and that of bubble i - 1 is 4 grad psi_{i-1}
     before_terms = np.roll(bubbles, 1, axis=1)[..., None] * previous_gradients
     return np.asarray(linear + 4 * (bubbles[..., None] * next_gradients + before_terms))
 
@@ -198,9 +196,8 @@ class BoundaryLayer(NamedTuple):
 
     def square_norms(self, form: Form, hats: Array, bubbles: Array) -> Array:
         """The squared energy norms on the triangles of a function with these coefficients; shape (k,)."""
-        gradient_squares = linear_square_norms(
-            self.areas, gradients_at_nodes(self.hat_gradients, hats, bubbles)
-        )
+        corner_gradients = gradients_at_nodes(self.hat_gradients, hats, bubbles)
+        gradient_squares = linear_square_norms(self.areas, corner_gradients)
         return form.k * gradient_squares + form.c * quadratic_square_norms(self.areas, hats, bubbles)
 
     def norm(self, form: Form, nodal: Array, bubble: Array) -> float:
@@ -221,6 +218,7 @@ def boundary_layer(mesh: Mesh) -> BoundaryLayer:
     on_boundary = np.zeros(mesh.n_nodes, dtype=bool)
     on_boundary[mesh.boundary] = True
     triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
+    # where in its triangle each boundary edge begins: edge e does so at boundary node e
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
     edge_places = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
     layer_mesh = mesh.select_triangles(triangles)

@@ -31,6 +31,7 @@ at most 2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2
 
 However small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of
 gradients. Where triangles are flat, it grows with the square of their length over their height.
+B, D and R are those of this proof, not the coupling and the dual operator of `spaces`.
 """
 
 from __future__ import annotations
@@ -63,59 +64,29 @@ MAX_FRIEDRICHS_NODES = 10_000
 EIGENVALUE_SHARE = 1 - 1e-6
 """mu is this fraction of the computed eigenvalue less what the shift takes."""
 MAX_EDGE_RATIO = 4.0
-"""A mesh whose boundary edges at a clamped side are longer by this than their neighbours is too coarse there.
-
-Only the size of the constant depends on it.
-"""
+"""An edge beside a clamped side is at most this times the last edge on it, or C would be needlessly large."""
 MIN_EDGES_PER_DIAMETER = 8
-"""No boundary edge of the graded mesh is longer than the diameter over this.
-
-None is more than twice as long as its neighbours.
-"""
+"""No boundary edge of the graded mesh is above the diameter over this, or above twice its neighbours."""
 GRADED_MESH_GROWTH = 0.4
 """Triangles of the graded mesh grow by this times their distance from the boundary."""
 
 
 def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """A number C with ||v||_0 <= C |v|_1 for functions v that are 0 on some sides of the mesh's polygon.
+    """A C with ||v||_0 <= C |v|_1, on this mesh and the exact one, for v that are 0 on the `clamped` sides.
 
     It is computed on the mesh, or on the one that it was refined from. If that is large, or too coarse beside
-    clamped sides, or rounding hides C there, gmsh makes another one, graded to short sides.
-
-    Parameters
-    ----------
-    mesh
-        a mesh of the polygon
-    clamped
-        the numbers of the sides, at least one
-
-    Returns
-    -------
-    float
-        C, a length, for norms on this mesh and on the exact one
-
-    Raises
-    ------
-    InputError
-        where rounding hides C on both meshes, or the first one does not do and gmsh makes no other
+    clamped sides, or rounding hides C there, gmsh makes another one, graded to short sides. At least one side
+    is clamped. Raises InputError where rounding hides C on both meshes, or the first one does not do and gmsh
+    makes no other.
     """
     coarse = mesh.coarse or mesh
     polygon = mesh.polygon
-    # norms on the exact mesh may be larger by the growth
-    constant = (
-        mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
-        if coarse.n_nodes <= MAX_FRIEDRICHS_NODES
-        else math.inf
-    )
-
-    # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
-    lengths = np.diff(coarse.s)
-    is_clamped = np.isin(coarse.side, clamped)
-    at_end = is_clamped != np.roll(is_clamped, -1)
-    ratios = (np.roll(lengths, -1) / lengths) ** np.where(is_clamped, 1, -1)
-    if constant < math.inf and np.all(ratios[at_end] <= MAX_EDGE_RATIO):
+    # norms on this mesh's exact mesh may be larger by its factor
+    constant = math.inf
+    if coarse.n_nodes <= MAX_FRIEDRICHS_NODES:
+        constant = mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
+    if constant < math.inf and _is_fine_beside_clamped(coarse, clamped):
         return constant
-
     needed = f"polygon '{polygon.name}': c = 0 needs Friedrichs' constant for the clamped sides {[*clamped]}"
     try:
         edges = balance_cells(make_uniform_partition(polygon, polygon.diameter / MIN_EDGES_PER_DIAMETER))
@@ -135,6 +106,16 @@ def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     return constant
 
 
+def _is_fine_beside_clamped(mesh: Mesh, clamped: tuple[int, ...]) -> bool:
+    """Whether no edge beside the end of a clamped side is above MAX_EDGE_RATIO times the last edge on it."""
+    # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
+    lengths = np.diff(mesh.s)
+    is_clamped = np.isin(mesh.side, clamped)
+    at_end = is_clamped != np.roll(is_clamped, -1)
+    ratios = (np.roll(lengths, -1) / lengths) ** np.where(is_clamped, 1, -1)
+    return bool(np.all(ratios[at_end] <= MAX_EDGE_RATIO))
+
+
 def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """The least constant C by a mesh and its refinements; infinite where rounding hides all of them.
 
@@ -147,7 +128,7 @@ def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
         is_free[mesh.triangulation.boundary_edges[np.isin(mesh.side, clamped)]] = False
         mu = bound_eigenvalue(B[is_free][:, is_free])
         if mu > 0:
-            # C^2 = 1 / lambda_h + KAPPA^2 h^2, and the exact domain is larger by the growth
+            # C^2 = 1 / mu + KAPPA^2 h^2 for mu <= lambda_h; on the exact domain it is larger by the factor
             constant = min(
                 constant, mesh.exact_mesh_factor * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2)
             )
@@ -176,7 +157,8 @@ def crouzeix_raviart_matrix(mesh: Mesh) -> tuple[sp.csr_array, Array]:
 
 
 def bound_eigenvalue(B: sp.csr_array) -> float:
-    """A number that no eigenvalue of the symmetric B (n, n) is below; 0 if rounding hides it, or n < 2."""
+    """A number mu that no eigenvalue of the symmetric B (n, n) is below; 0 if rounding hides it, or n < 2."""
+    # `eigsh` needs two unknowns
     if B.shape[0] < 2:
         return 0.0
     order = reverse_cuthill_mckee(sp.csr_matrix(B), symmetric_mode=True)

@@ -2,9 +2,8 @@
 
 On the boundary: Gauss points on the common refinement of given cuts and the singular points, in the
 variable tau = |s - p|^(1/k) about the nearest singular point p, so that powers of s - p with exponents
-in multiples of 1/k are polynomials. In Omega: a symmetric rule on every triangle; triangles that a kink
-crosses are subdivided, triangles near a singular point are subdivided towards it, and those that contain
-it are split there and mapped (Duffy) with r = tau^k.
+in multiples of 1/k are polynomials. In Omega: a symmetric rule on every triangle or piece of `splitting`;
+pieces with a singular point as their first corner are mapped (Duffy) with r = tau^k.
 """
 
 from __future__ import annotations
@@ -16,9 +15,10 @@ from math import lcm
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
 from unilateral.arrays import Array, Index, row_blocks
-from unilateral.fem.splitting import split_triangles
+from unilateral.fem.splitting import SingularPieces, split_triangles
 from unilateral.geometry.curves import SingularPoint
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
@@ -37,6 +37,8 @@ h^(FINE_MESH_DEGREE + 1), in these units, is then below 2e-11.
 STRONG_GRADING = 2
 GRADED_CUTS = 6
 """Towards a point whose grading is above STRONG_GRADING the rule is cut so often on either side."""
+_gauss_rule = cache(leggauss)
+"""Gauss points (n,) and their weights (n,) on [-1, 1], for n points."""
 
 
 class BoundaryRule(NamedTuple):
@@ -63,68 +65,85 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[SingularPoin
     With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
     are made of.
     """
-    anchors, grading, anchor_t = _anchors(polygon, singular)
-    midpoints = 0.5 * (anchors[1:] + anchors[:-1])
-    breaks = np.union1d(
-        cuts, np.concatenate([anchors, midpoints, *_cut_towards_anchors(anchors, midpoints, grading)])
-    )
-    # intervals [a, b] between breaks, each with its nearest anchor p, whose grading is k
-    breaks = breaks[(breaks >= cuts[0]) & (breaks <= cuts[-1])]
-    a = breaks[:-1]
-    b = breaks[1:]
-    middle = 0.5 * (a + b)
-    nearest = np.searchsorted(midpoints, middle)
-    p = anchors[nearest]
-    k = grading[nearest][:, None]
-    sign = np.where(middle >= p, 1.0, -1.0)[:, None]
-    tau_ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
-    # Gauss points in tau = |s - p|^{1/k}: s = p +- tau^k, ds = k tau^{k-1} dtau
-    x, w = _gauss_rule(GAUSS_POINTS)
-    low = tau_ends.min(axis=0)[:, None]
-    high = tau_ends.max(axis=0)[:, None]
-    tau = low + 0.5 * (high - low) * (x + 1)
-    offset = sign * tau**k
-    s = p[:, None] + offset
-    weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
+    anchors = _find_anchors(polygon, singular)
+    breaks = _break_intervals(cuts, anchors)
+    middle = 0.5 * (breaks[:-1] + breaks[1:])
+    nearest = np.searchsorted(anchors.midpoints, middle)
+    p = anchors.s[nearest]
+    offset, weight = _place_gauss_points(breaks, p, anchors.grading[nearest])
     # t is the place of p on the side of the interval: 0 or 1 if p is one of its vertices
     side = polygon.sides_of(middle)
+    t = np.where(p == polygon.starts[side + 1], 1.0, anchors.t[nearest])
+    t = np.where(p == polygon.starts[side], 0.0, t)
     interval = np.searchsorted(cuts, middle, side="right") - 1
-    t = np.where(
-        p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, anchor_t[nearest])
-    )
     return BoundaryRule(
         side=np.repeat(side, GAUSS_POINTS),
-        s=(s - polygon.starts[side][:, None]).ravel(),
+        s=(p[:, None] + offset - polygon.starts[side][:, None]).ravel(),
         weight=weight.ravel(),
         interval=np.repeat(interval, GAUSS_POINTS),
         nearest_anchor=(np.repeat(t, GAUSS_POINTS), offset.ravel()),
     )
 
 
-def _anchors(polygon: Polygon, singular: Iterable[SingularPoint]) -> tuple[Array, Array, Array]:
-    """Arc lengths of the vertices and singular points, increasing, their gradings, and places t on a side."""
+class Anchors(NamedTuple):
+    """Vertices and singular points of a polygon by their arc lengths `s` (k,), increasing.
+
+    A vertex has the `grading` 1 if it is no singular point. `t` (k,) are the places of singular points on
+    their sides, in side lengths; at a vertex, which is on two sides, it says nothing.
+    """
+
+    s: Array
+    grading: Array
+    t: Array
+
+    @property
+    def midpoints(self) -> Array:
+        """The middles (k - 1,) between anchors: between two of them one anchor is the nearest one."""
+        return 0.5 * (self.s[1:] + self.s[:-1])
+
+
+def _find_anchors(polygon: Polygon, singular: Iterable[SingularPoint]) -> Anchors:
+    """The vertices and singular points. Singular points in one place have one grading, a common multiple."""
     grading_and_t = {s: (1, 0.0) for s in polygon.starts.tolist()}
     for p in singular:
         s = polygon.arc_length(p.side, p.t)
         grading_and_t[s] = (lcm(grading_and_t.get(s, (1, 0.0))[0], p.grading), p.t)
-    anchors = np.array(sorted(grading_and_t))
-    grading, place = np.array([grading_and_t[s] for s in anchors.tolist()], dtype=float).T
-    return anchors, grading, place
+    places = sorted(grading_and_t)
+    grading, t = np.array([grading_and_t[s] for s in places], dtype=float).T
+    return Anchors(np.array(places), grading, t)
 
 
-def _cut_towards_anchors(anchors: Array, between: Array, grading: Array) -> list[Array]:
-    """Points at fractions 2^-j of the way from strongly graded anchors to the middles beside them.
+def _break_intervals(cuts: Array, anchors: Anchors) -> Array:
+    """The arc lengths (l + 1,) between which Gauss points are taken: cuts, anchors, and their midpoints.
 
-    What multiplies the power there is then all but constant on the first interval.
+    Strongly graded anchors have further ones at fractions 2^-j of the way to the midpoints beside them. What
+    multiplies the power there is then all but constant on the first interval.
     """
     shares = 0.5 ** np.arange(1, GRADED_CUTS + 1)
-    strong = grading > STRONG_GRADING
-    after = strong[:-1]
-    before = strong[1:]
-    return [
-        (a[:, None] + (m - a)[:, None] * shares).ravel()
-        for a, m in ((anchors[:-1][after], between[after]), (anchors[1:][before], between[before]))
-    ]
+    breaks = [cuts, anchors.s, anchors.midpoints]
+    # the midpoint that follows an anchor, and the one before it
+    for s, grading in ((anchors.s[:-1], anchors.grading[:-1]), (anchors.s[1:], anchors.grading[1:])):
+        strong = grading > STRONG_GRADING
+        to_midpoint = anchors.midpoints[strong] - s[strong]
+        breaks.append((s[strong][:, None] + to_midpoint[:, None] * shares).ravel())
+    points = np.unique(np.concatenate(breaks))
+    return points[(points >= cuts[0]) & (points <= cuts[-1])]
+
+
+def _place_gauss_points(breaks: Array, p: Array, grading: Array) -> tuple[Array, Array]:
+    """Gauss points between breaks (l + 1,) as offsets (l, q) from anchors p (l,), and their weights (l, q).
+
+    They are those of tau = |s - p|^{1/k}, k the `grading` (l,). An anchor is no inner point of its interval.
+    """
+    k = grading[:, None]
+    sign = np.where(0.5 * (breaks[:-1] + breaks[1:]) >= p, 1.0, -1.0)[:, None]
+    tau_ends = np.abs(np.stack([breaks[:-1], breaks[1:]]) - p) ** (1 / grading)
+    low = tau_ends.min(axis=0)[:, None]
+    high = tau_ends.max(axis=0)[:, None]
+    # s = p +- tau^k, so ds = k tau^{k-1} dtau
+    x, w = _gauss_rule(GAUSS_POINTS)
+    tau = low + 0.5 * (high - low) * (x + 1)
+    return sign * tau**k, 0.5 * (high - low) * w * k * tau ** (k - 1)
 
 
 @dataclass(frozen=True)
@@ -153,29 +172,21 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     If no `degree` is given it is TRIANGLE_DEGREE, or FINE_MESH_DEGREE on whole triangles of a fine mesh.
     """
     corners, parent, singular = split_triangles(mesh, case)
-    special = np.zeros(len(mesh.triangles), dtype=bool)
-    special[parent] = True
-    for pieces in singular:
-        special[pieces.parent] = True
-    regular = np.flatnonzero(~special)
+    split = np.concatenate([parent, *[group.pieces.parent for group in singular]])
+    whole = np.setdiff1d(np.arange(len(mesh.triangles)), split)
+    # on so fine a mesh the lower degree leaves less than 2e-11; a kink that has a radius is a cutoff's
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
-    fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
-    whole_degree = degree or (FINE_MESH_DEGREE if fine else TRIANGLE_DEGREE)
+    is_fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
+    whole_degree = degree or (FINE_MESH_DEGREE if is_fine else TRIANGLE_DEGREE)
     piece_degree = degree or TRIANGLE_DEGREE
     # whole triangles; then pieces at kinks; then pieces with a singular point as their first corner
-    for block in row_blocks(len(regular)):
-        index = regular[block]
-        unit_corners = np.broadcast_to(np.eye(3), (len(index), 3, 3))
-        yield _place_rule(mesh, unit_corners, index, *symmetric_rule(whole_degree))
+    for block in row_blocks(len(whole)):
+        unit_corners = np.broadcast_to(np.eye(3), (len(whole[block]), 3, 3))
+        yield _place_rule(mesh, unit_corners, whole[block], *symmetric_rule(whole_degree))
     for block in row_blocks(len(parent)):
         yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
-    for pieces in singular:
-        points, weights = duffy_rule(piece_degree, pieces.grading)
-        rule = _place_rule(mesh, pieces.corners, pieces.parent, points, weights)
-        # offsets from the singular point, not rounded by its coordinates
-        edges = pieces.corners[:, 1:] @ mesh.points[mesh.triangles[pieces.parent]] - pieces.point[:, None]
-        offset = (points[:, 1:] @ edges).reshape(-1, 2)
-        yield replace(rule, origin=np.repeat(pieces.point, len(weights), axis=0), offset=offset)
+    for group in singular:
+        yield _place_singular_rule(mesh, group, piece_degree)
 
 
 @cache
@@ -185,12 +196,6 @@ def symmetric_rule(degree: int) -> tuple[Array, Array]:
 
     points, weights = get_quadrature_tri(degree)
     return np.column_stack([1 - points.sum(axis=0), *points]), 2 * weights
-
-
-@cache
-def _gauss_rule(n_points: int) -> tuple[Array, Array]:
-    """Points (n,) and weights (n,) on [-1, 1]."""
-    return np.polynomial.legendre.leggauss(n_points)
 
 
 @cache
@@ -220,3 +225,13 @@ def _place_rule(mesh: Mesh, corners: Array, parent: Index, points: Array, weight
     return TriangleRule(
         parent, points @ corners, np.outer(share, weights), (points @ vertices).reshape(-1, 2)
     )
+
+
+def _place_singular_rule(mesh: Mesh, singular: SingularPieces, degree: int) -> TriangleRule:
+    """The rule on pieces with a singular point, with offsets from it that its coordinates do not round."""
+    points, weights = duffy_rule(degree, singular.grading)
+    rule = _place_rule(mesh, *singular.pieces, points, weights)
+    # the barycentric coordinates of the other two corners times the edges that lead to these
+    edges = singular.pieces.vertices(mesh)[:, 1:] - singular.point[:, None]
+    offset = (points[:, 1:] @ edges).reshape(-1, 2)
+    return replace(rule, origin=np.repeat(singular.point, len(weights), axis=0), offset=offset)

@@ -1,4 +1,8 @@
-"""V_h x Lambda_H on one mesh and one partition: the coupling B, and the dual operator D = B A_3^{-1} B^T."""
+"""V_h x Lambda_H on one mesh and one partition: the coupling B, and the dual operator D = B A_3^{-1} B^T.
+
+D, and S = H^{-1/2} D H^{-1/2}, are matrices on the cells here; in `bounds` D and S are numbers. B v has the
+integrals of v over the cells; in `bounds` B is a number, too.
+"""
 
 from __future__ import annotations
 
@@ -87,6 +91,7 @@ class DualOperator:
         """
         # t times the mean of w has to make up for the mean of u - g, where that is below 0
         below = gap < 0
+        # a cell whose nodes are all clamped has the mean 0, and t is infinite
         means = np.broadcast_to(self.shift_means, gap.shape)[below]
         with np.errstate(divide="ignore"):
             return float(np.max(-gap[below] / means, initial=0.0))
@@ -147,7 +152,7 @@ def mixed_spaces(condensed: CondensedMatrix, partition: Partition) -> MixedSpace
 def dual_operator(condensed: CondensedMatrix, B: sp.csr_array, H_i: Array) -> DualOperator:
     """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,).
 
-    The columns of B at clamped nodes are left out.
+    Columns of B at clamped nodes count as 0, for functions of V_h vanish there.
     """
     loads = B.T.toarray()
     loads[condensed.clamped_nodes[condensed.mesh.boundary]] = 0.0

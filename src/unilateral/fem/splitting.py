@@ -10,8 +10,7 @@ it as their first corner, after it is small against the distance of other points
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -40,15 +39,40 @@ At least 3: with that every quarter of a piece that contains the point is near i
 BARYCENTRIC_TOLERANCE = 1e-10
 
 
-@dataclass(frozen=True)
-class SingularPieces:
-    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
-
-    The first corner is a singular `point` (k, 2), which has that `grading`.
-    """
+class Pieces(NamedTuple):
+    """Pieces of the triangles `parent` (k,), by the barycentric coordinates `corners` (k, 3, 3) there."""
 
     corners: Array
     parent: Index
+
+    def select(self, chosen: Mask | Index) -> Pieces:
+        """The chosen pieces."""
+        return Pieces(self.corners[chosen], self.parent[chosen])
+
+    def quarter(self) -> Pieces:
+        """The four congruent quarters of each piece."""
+        return Pieces(quarter(self.corners), np.repeat(self.parent, 4))
+
+    def vertices(self, mesh: Mesh) -> Array:
+        """The corners in the plane; shape (k, 3, 2)."""
+        return self.corners @ mesh.points[mesh.triangles[self.parent]]
+
+    def barycentric(self, mesh: Mesh, point: Array) -> Array:
+        """The barycentric coordinates of a point of the plane in each piece; shape (k, 3)."""
+        a, b, c = np.moveaxis(self.vertices(mesh) - point, 1, 0)
+        # a coordinate is the area of the triangle of the point and the opposite edge, over that of the piece
+        areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
+        return areas / areas.sum(axis=1, keepdims=True)
+
+    def contain(self, mesh: Mesh, point: Array) -> Mask:
+        """Whether each piece contains the point, up to rounding; shape (k,)."""
+        return np.all(self.barycentric(mesh, point) > -BARYCENTRIC_TOLERANCE, axis=1)
+
+
+class SingularPieces(NamedTuple):
+    """Pieces whose first corner is a singular `point` (k, 2), which has that `grading`."""
+
+    pieces: Pieces
     point: Array
     grading: int
 
@@ -59,118 +83,111 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
     each grading. Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
-    points = [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular_points()]
-    kinks = case.kinks()
-    parent = _find_cut_triangles(mesh, [point for point, _ in points], kinks)
-    corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
-    lengths = case.polygon.lengths
-    # a kink's pieces are at most this large
-    kink_piece_radius = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
-    singular_groups: dict[int, list[tuple[Array, Index, Array]]] = {}
-    # the pieces at singular points: each contains one, which becomes the first corner of its parts
-    corners, parent = _separate_singular_points(mesh, corners, parent, [point for point, _ in points])
-    for point, grading in points:
-        contains = _pieces_contain(mesh, corners, parent, point)
-        pieces, piece_parent = _split_at_point(mesh, corners[contains], parent[contains], point)
-        singular_groups.setdefault(grading, []).append(
-            (pieces, piece_parent, np.tile(point, (len(piece_parent), 1)))
-        )
-        corners = corners[~contains]
-        parent = parent[~contains]
-    # the others: quartered as long as they are near a point, or larger than a kink allows
-    finished: list[tuple[Array, Index]] = []
-    for level in range(MAX_PIECE_QUARTERINGS):
-        centre, radius = _piece_circles(mesh, corners, parent)
-        marked = np.zeros(len(parent), dtype=bool)
-        for point, _ in points:
-            marked |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
-        for kink in kinks:
-            max_radius = (
-                min(kink_piece_radius, KINK_PIECE_PER_RADIUS * kink.radius)
-                if kink.radius
-                else kink_piece_radius
-            )
-            is_coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else max_radius)
-            marked |= is_coarse & (np.abs(kink.signed_distances(centre)) < radius)
-        # pieces not marked at level 0 are whole triangles, which need no splitting
-        if level > 0:
-            finished.append((corners[~marked], parent[~marked]))
-        corners = quarter(corners[marked])
-        parent = np.repeat(parent[marked], 4)
-    finished.append((corners, parent))
-    corners = np.concatenate([pieces for pieces, _ in finished])
-    parent = np.concatenate([triangles for _, triangles in finished])
-    singular = []
-    for grading, groups in singular_groups.items():
-        pieces, triangles, apex = map(np.concatenate, zip(*groups, strict=True))
-        singular.append(SingularPieces(pieces, triangles, apex, grading))
+    gradings = [p.grading for p in case.flux_singular_points()]
+    points = [case.polygon.point(p.side, p.t) for p in case.flux_singular_points()]
+    # whole triangles that a point is near or a kink may cross; no other one is ever cut
+    any_size = [0.0] * len(case.kinks())
+    cut = np.flatnonzero(_need_quartering(*mesh.enclosing_circles, points, case.kinks(), any_size))
+    pieces = Pieces(np.broadcast_to(np.eye(3), (len(cut), 3, 3)), cut)
+    pieces = _separate_singular_points(mesh, pieces, points)
+    pieces, singular = _extract_singular_pieces(mesh, pieces, points, gradings)
+    corners, parent = _quarter_near(mesh, case, pieces, points)
     return corners, parent, singular
 
 
-def _find_cut_triangles(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
-    """The triangles that a point is near or a kink may cross; no other one is ever cut."""
-    centre, radius = mesh.enclosing_circles
-    is_cut = np.zeros(len(radius), dtype=bool)
-    for point in points:
-        is_cut |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
-    for kink in kinks:
-        is_cut |= np.abs(kink.signed_distances(centre)) < radius
-    return np.flatnonzero(is_cut)
-
-
-def _separate_singular_points(
-    mesh: Mesh, corners: Array, parent: Index, points: list[Array]
-) -> tuple[Array, Index]:
+def _separate_singular_points(mesh: Mesh, pieces: Pieces, points: list[Array]) -> Pieces:
     """Pieces quartered until those that contain a point have no other one near."""
     for _ in range(MAX_PIECE_QUARTERINGS):
-        centre, radius = _piece_circles(mesh, corners, parent)
-        contained = np.zeros(len(parent), dtype=np.intp)
-        near_points = np.zeros(len(parent), dtype=np.intp)
+        centre, radius = centroid_circles(pieces.vertices(mesh))
+        contained = np.zeros(len(radius), dtype=np.intp)
+        near_points = np.zeros(len(radius), dtype=np.intp)
         for point in points:
             near = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
             near_points[near] += 1
-            contained[near] += _pieces_contain(mesh, corners[near], parent[near], point)
+            contained[near] += pieces.select(near).contain(mesh, point)
         crowded = (contained > 0) & (near_points > 1)
         if not crowded.any():
             break
-        corners = np.concatenate([corners[~crowded], quarter(corners[crowded])])
-        parent = np.concatenate([parent[~crowded], np.repeat(parent[crowded], 4)])
-    return corners, parent
+        pieces = _join([pieces.select(~crowded), pieces.select(crowded).quarter()])
+    return pieces
 
 
-def _piece_corners(mesh: Mesh, corners: Array, parent: Index) -> Array:
-    """The corners (k, 3, 2) of the pieces in the plane."""
-    return corners @ mesh.points[mesh.triangles[parent]]
+def _extract_singular_pieces(
+    mesh: Mesh, pieces: Pieces, points: list[Array], gradings: list[int]
+) -> tuple[Pieces, list[SingularPieces]]:
+    """The pieces without those that contain a point, and what these are split into, for each grading.
+
+    No piece contains two points, as `_separate_singular_points` leaves them.
+    """
+    groups: dict[int, list[tuple[Pieces, Array]]] = {}
+    for point, grading in zip(points, gradings, strict=True):
+        contains = pieces.contain(mesh, point)
+        parts = _split_at_point(mesh, pieces.select(contains), point)
+        groups.setdefault(grading, []).append((parts, np.tile(point, (len(parts.parent), 1))))
+        pieces = pieces.select(~contains)
+    singular = []
+    for grading, group in groups.items():
+        apex = np.concatenate([point for _, point in group])
+        singular.append(SingularPieces(_join([parts for parts, _ in group]), apex, grading))
+    return pieces, singular
 
 
-def _piece_circles(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
-    """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
-    return centroid_circles(_piece_corners(mesh, corners, parent))
-
-
-def _barycentric_in_pieces(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
-    """The barycentric coordinates of a point of the plane in each piece; shape (k, 3)."""
-    a, b, c = np.moveaxis(_piece_corners(mesh, corners, parent) - point, 1, 0)
-    # a coordinate is the area of the triangle of the point and the opposite edge, over that of the piece
-    areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
-    return areas / areas.sum(axis=1, keepdims=True)
-
-
-def _pieces_contain(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
-    """Whether each piece contains the point, up to rounding."""
-    return np.all(_barycentric_in_pieces(mesh, corners, parent, point) > -BARYCENTRIC_TOLERANCE, axis=1)
-
-
-def _split_at_point(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple[Array, Index]:
+def _split_at_point(mesh: Mesh, pieces: Pieces, point: Array) -> Pieces:
     """Up to three parts of each piece, which join the point to an edge; the point is their first corner."""
-    weights = _barycentric_in_pieces(mesh, corners, parent, point)
-    apex = (weights[:, None] @ corners)[:, 0]
-    pieces = [np.stack([apex, corners[:, i], corners[:, (i + 1) % 3]], axis=1) for i in range(3)]
-    proper = [weights[:, (i + 2) % 3] > BARYCENTRIC_TOLERANCE for i in range(3)]
-    return (
-        np.concatenate([piece[keep] for piece, keep in zip(pieces, proper, strict=True)]),
-        np.concatenate([parent[keep] for keep in proper]),
-    )
+    weights = pieces.barycentric(mesh, point)
+    apex = (weights[:, None] @ pieces.corners)[:, 0]
+    parts = []
+    for i in range(3):
+        # the part at the edge from corner i to i + 1 has no area if the point lies on that edge
+        proper = weights[:, (i + 2) % 3] > BARYCENTRIC_TOLERANCE
+        corners = np.stack([apex, pieces.corners[:, i], pieces.corners[:, (i + 1) % 3]], axis=1)
+        parts.append(Pieces(corners, pieces.parent).select(proper))
+    return _join(parts)
+
+
+def _quarter_near(mesh: Mesh, case: ExactSolution, pieces: Pieces, points: list[Array]) -> Pieces:
+    """The pieces, quartered as long as they are near a point, or larger than a kink allows.
+
+    They contain no point, so that they become small against their distance from it.
+    """
+    lengths = case.polygon.lengths
+    kinks = case.kinks()
+    line_radius = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
+    kink_radii = [  # a line has the radius 0
+        min(line_radius, KINK_PIECE_PER_RADIUS * kink.radius) if kink.radius else line_radius
+        for kink in kinks
+    ]
+    finished: list[Pieces] = []
+    for level in range(MAX_PIECE_QUARTERINGS):
+        max_radii = [0.0] * len(kinks) if level < MIN_KINK_QUARTERINGS else kink_radii
+        marked = _need_quartering(*centroid_circles(pieces.vertices(mesh)), points, kinks, max_radii)
+        # pieces not marked at level 0 are whole triangles, which need no splitting
+        if level > 0:
+            finished.append(pieces.select(~marked))
+        pieces = pieces.select(marked).quarter()
+    # what is still marked stays as it is
+    return _join([*finished, pieces])
+
+
+def _need_quartering(
+    centre: Array, radius: Array, points: list[Array], kinks: list[Kink], max_radii: list[float]
+) -> Mask:
+    """Whether a point is near each piece, or a kink may cross it and its radius is above the kink's maximum.
+
+    The circle of that `centre` (k, 2) and `radius` (k,) contains the piece.
+    """
+    marked = np.zeros(len(radius), dtype=bool)
+    for point in points:
+        marked |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
+    for kink, max_radius in zip(kinks, max_radii, strict=True):
+        marked |= (radius > max_radius) & (np.abs(kink.signed_distances(centre)) < radius)
+    return marked
+
+
+def _join(groups: list[Pieces]) -> Pieces:
+    """All pieces of some groups."""
+    corners = np.concatenate([pieces.corners for pieces in groups])
+    return Pieces(corners, np.concatenate([pieces.parent for pieces in groups]))
 
 
 def quarter(corners: Array) -> Array:
