@@ -11,6 +11,7 @@ from unilateral.adaptive.level import Level, discrete_norm, judge_for_goal
 from unilateral.adaptive.marking import LAMBDA_RATE, MAX_TRIANGLE_RATIO, TARGET_SHARE, evenness, should_adapt
 from unilateral.discrete.choice import SHARP_BOUND_BYTES, SPARSE_BYTES, wants_multigrid
 from unilateral.errors import BudgetError
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.system.memory import available_mb, peak_mb
 
@@ -218,21 +219,30 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
 
 
 def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
-    """The unknowns of the levels that are still to come, None if unknown.
-
-    A forecast: the last is what the target needs, though uniform meshes can only be quartered.
-    """
+    """The unknowns of the levels that are still to come, None if unknown."""
     last = levels[-1]
     if last.certified:
         return []
     needed = predict_unknowns(levels)
     if not math.isfinite(needed):
         return None
-    # the sizes grow by one factor from level to level, the last one is what is needed;
-    # a uniform refinement quarters triangles; an adapted one grows by the most it may
+    if not last.goal.can_adapt:
+        return predict_uniform_sizes(last.solved.mesh, needed)
+    # The last level has what is needed, for `divide_by_shares` stops there. Those before it are quartered, or
+    # grow by the most that an adapted mesh may
     step = MAX_TRIANGLE_RATIO if should_adapt(last) else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]
+
+
+def predict_uniform_sizes(mesh: Mesh, needed: float) -> list[float]:
+    """The unknowns of the uniform refinements of a mesh, up to the first that has as many as are `needed`."""
+    sizes: list[float] = []
+    while not sizes or sizes[-1] < needed:
+        # k refinements make 4^k t triangles and 2^k b boundary nodes: by Euler 1 + (4^k t + 2^k b) / 2 nodes
+        k = len(sizes) + 1
+        sizes.append(1 + (4.0**k * len(mesh.triangles) + 2.0**k * len(mesh.boundary)) / 2)
+    return sizes
 
 
 def observed_rate(levels: Sequence[Level]) -> float:
