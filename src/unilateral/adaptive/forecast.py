@@ -13,7 +13,7 @@ from unilateral.discrete.choice import SHARP_BOUND_BYTES, SPARSE_BYTES, wants_mu
 from unilateral.errors import BudgetError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.system.memory import available_mb, peak_mb
+from unilateral.system.memory import BYTES_PER_MB, available_mb, peak_mb
 
 NEIGHBOUR_RATIO = 1.15
 """A mesh gets this many times the predicted triangles, because neighbours are refined, too."""
@@ -21,7 +21,6 @@ FREE_MEMORY_SHARE = 0.8
 """The next level may take this fraction of the free memory, beside what the last one still has."""
 MULTIGRID_LEVEL_BYTES = 1100
 """Bytes per unknown of a level by multigrid, with its cheap bound, as measured with 1e6 unknowns."""
-BYTES_PER_MB = 2**20
 OVERHEAD_UNKNOWNS = 2000
 """A level takes as long as one of this many more unknowns would, if time were proportional to these."""
 MIN_PLAN_UNKNOWNS = 2000

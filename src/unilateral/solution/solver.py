@@ -75,7 +75,7 @@ class Solver:
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.has_data = True
-        self.own_mesh = isinstance(mesh, Mesh) or base_problem.mesh is not None
+        self._is_user_mesh = isinstance(mesh, Mesh) or base_problem.mesh is not None
         self.problem, self.mesh, self.partition = mesh_problem(
             base_problem, read_optional_number("h", h), read_optional_number("H", H), mesh, self.stop
         )
@@ -92,7 +92,7 @@ class Solver:
         # `warn_of_shortfalls` says the same in terms of the solution
         with warnings.catch_warnings(action="ignore", category=IterationWarning):
             solution = Solution(problem, discrete.solve(self.stop))
-        warn_of_shortfalls(solution, self.own_mesh)
+        warn_of_shortfalls(solution, self._is_user_mesh)
         return solution
 
     def matrices(self, f: Given = None, g: GivenOnSides = None, q: GivenOnSides = None) -> Matrices:
