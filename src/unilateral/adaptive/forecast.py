@@ -177,14 +177,15 @@ def is_hopeless(levels: Sequence[Level]) -> bool:
 def reachable_accuracy(levels: Sequence[Level]) -> float | None:
     """The least accuracy of 1, 2 or 5 times a power of ten that the limits allow, None if none is known.
 
-    None, too, where none of these is below what is reached.
+    It is between the accuracy of the goal and the one that is reached; None, too, where none of these is.
     """
     last = levels[-1]
     goal = last.goal
-    share = last.total / last.size if last.size > 0 else 1.0
-    reached = min(last.total, MAX_ERROR_QUOTIENT) if goal.absolute else min(share, 1.0)
+    reached = last.total / last.size if last.size > 0 else 1.0
+    reached = min(last.total, MAX_ERROR_QUOTIENT) if goal.absolute else min(reached, 1.0)
     if not reached > 0:
         return None
+    # The plans for these accuracies, from the smallest one on
     exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
     for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
         if goal.accuracy < accuracy < reached:
@@ -197,12 +198,13 @@ def reachable_accuracy(levels: Sequence[Level]) -> float | None:
 def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
     """The unknowns that the last mesh needs, infinite if unknown.
 
-    On uniform meshes the bound is taken to fall on at the rate that was observed, or at the least one.
+    On uniform meshes the bound is taken to fall on at the rate that was observed, but `min_rate` at least.
     """
     last = levels[-1]
     goal = last.goal
     target = goal.accuracy
-    if not goal.absolute:  # of a solution whose norm is the discrete one's less the error that is wanted
+    if not goal.absolute:
+        # of the solution's norm, of which the discrete one less the target is known: t = accuracy (norm - t)
         target *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
     if target <= 0 or not math.isfinite(last.total):
         return math.inf
