@@ -255,9 +255,7 @@ def solve(
         kind=mesh,
         stop=stop or Stop(),
     )
-    if goal.norm == "hm12" and not problems.remaining_sides(
-        problem.polygon, problem.free_sides, problem.clamped_sides
-    ):
+    if goal.norm == "hm12" and not problem.contact_sides:
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):

@@ -131,9 +131,8 @@ def predict_seconds(levels: Sequence[Level], unknowns: float) -> float:
 
 def bytes_per_unknown(goal: Goal) -> float:
     """The bytes that an unknown takes in a level."""
-    return (
-        MULTIGRID_LEVEL_BYTES if wants_multigrid(goal.stop, math.inf) else SPARSE_BYTES
-    ) + SHARP_BOUND_BYTES * goal.sharp
+    in_solve = MULTIGRID_LEVEL_BYTES if wants_multigrid(goal.stop, math.inf) else SPARSE_BYTES
+    return in_solve + SHARP_BOUND_BYTES * goal.sharp
 
 
 def predict_mb(levels: Sequence[Level], unknowns: float) -> float:

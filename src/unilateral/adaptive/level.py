@@ -153,11 +153,6 @@ def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:
     return solved.u_norm if goal.norm == "h1" else solved.lambda_norm
 
 
-def lacks_contact(level: Level) -> bool:
-    """Whether lambda_H is 0 although an error relative to it is wanted, on a mesh that is not coarse."""
-    return level.target == 0 and level.goal.norm == "hm12" and level.unknowns >= MIN_CONTACT_UNKNOWNS
-
-
 def is_limited_by_data(level: Level) -> bool:
     """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
     return level.bound is not None and level.bound.irreducible_remainder > level.target > 0
@@ -207,7 +202,8 @@ def find_fault(levels: Sequence[Level]) -> str:
         return CONTRADICTED
     if last.certified:
         return ""
-    if lacks_contact(last):
+    # an error relative to lambda is wanted, but lambda_H is 0 on a mesh that is not coarse
+    if last.target == 0 and last.goal.norm == "hm12" and last.unknowns >= MIN_CONTACT_UNKNOWNS:
         return WITHOUT_CONTACT
     # where the algebraic error hardly counts, finer meshes do help
     if not last.solved.result.converged and last.algebraic > ALGEBRAIC_SHARE * last.total:

@@ -178,7 +178,9 @@ def search(
             fault = find_fault(levels)
             division = None if fault else choose_division(levels, dry_run)
             if division:
-                levels[-1] = add_forecast(levels, division)
+                unknowns = NEIGHBOUR_RATIO * division.triangle_ratio * levels[-1].unknowns
+                seconds = predict_seconds(levels, unknowns)
+                levels[-1] = replace(levels[-1], next_unknowns=unknowns, next_seconds=seconds)
             if report_level:
                 try:
                     report_level(levels[-1])
@@ -214,12 +216,6 @@ def add_costs(level: Level, start: float, start_time: float, enclosing_seconds: 
         peak_mb=peak_mb(),
         enclosing_seconds=enclosing_seconds,
     )
-
-
-def add_forecast(levels: Sequence[Level], division: Division) -> Level:
-    """The last level, with the unknowns and seconds that the next one will take after that `division`."""
-    unknowns = NEIGHBOUR_RATIO * division.triangle_ratio * levels[-1].unknowns
-    return replace(levels[-1], next_unknowns=unknowns, next_seconds=predict_seconds(levels, unknowns))
 
 
 def conclude_search(levels: list[Level], fault: str, dry_run: bool) -> Search:

@@ -39,12 +39,13 @@ They are no part of the set, which has measure 0, and their gap must not outweig
 
 
 class SupportPoints(NamedTuple):
-    """Points in supports of atoms, (m,), one support after another: their numbers, `length` l and `theta`.
+    """The points in supports of atoms, by their numbers `point` (m,), one support after another.
 
-    v, dv/dr, (dv/dtheta)/r and Delta v are those of the atom whose contact is [0, 1], at r / l and theta.
+    `length` is l, and `theta` the angle at the support's centre. v, dv/dr, (dv/dtheta)/r and Delta v are
+    those of the atom whose contact is [0, 1], at r / l and theta.
     """
 
-    index: Index
+    point: Index
     length: Array
     theta: Array
     v: Array
@@ -169,9 +170,9 @@ class CantorAtom(SideAtom):
         scale = support.length ** float(self.alpha)
         size = self.length * support.length
         slopes = self.rotate_polar_to_xy(support.theta, scale * support.v_r, scale * support.v_theta_over_r).T
-        value = _sum_at_points(support.index, size * scale * support.v, along)
-        gradient = np.column_stack([_sum_at_points(support.index, slope, along) for slope in slopes])
-        f = _sum_at_points(support.index, scale * (size * support.v - support.laplacian / size), along)
+        value = _sum_at_points(support.point, size * scale * support.v, along)
+        gradient = np.column_stack([_sum_at_points(support.point, slope, along) for slope in slopes])
+        f = _sum_at_points(support.point, scale * (size * support.v - support.laplacian / size), along)
         return value, gradient, f
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
@@ -225,10 +226,10 @@ class CantorAtom(SideAtom):
         """Values of u and of its outward normal derivative on the side, (k,) each."""
         support = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
         scale = support.length ** float(self.alpha)
-        value = _sum_at_points(support.index, self.length * support.length * scale * support.v, along.t)
+        value = _sum_at_points(support.point, self.length * support.length * scale * support.v, along.t)
         # du/dn = -(dv/dtheta)/r for theta = 0 and +(dv/dtheta)/r for theta = pi
         flux = scale * np.where(support.theta > 0, support.v_theta_over_r, -support.v_theta_over_r)
-        return value, _sum_at_points(support.index, flux, along.t)
+        return value, _sum_at_points(support.point, flux, along.t)
 
     def kinks(self) -> list[Kink]:
         """The circles about the starts of the contact intervals at which cutoffs end."""

@@ -24,8 +24,7 @@ from unilateral.formulas.grammar import (
 )
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import SmoothAtom, TensorAtom
-from unilateral.problems.cantor_atom import CantorAtom, CantorSet
-from unilateral.problems.cantor_atom import cantor_gap as cantor_gap
+from unilateral.problems.cantor_atom import CantorAtom, CantorSet, cantor_gap
 from unilateral.problems.polar_atoms import PolarAtom, make_corner_atom, make_harmonic_atom
 
 RESERVED_NAMES = {"x", "y", "t", "pi", *FUNCTION_ARITIES}
@@ -139,12 +138,6 @@ class CaseBuilder:
             raise InputError(f"{where}, {name}: {exponent} must be {limit}")
         return exponent
 
-    def _build_cantor_gap(self, entry: Mapping[str, Any], where: str) -> Expression:
-        gamma = self._read_exponent(entry, "gamma", where)
-        if gamma <= 0:
-            raise InputError(f"{where}, gamma: {gamma} must be positive")
-        return cantor_gap(self.read_cantor_set(entry, where), gamma)
-
     def read_clamped_values(self, entries: Sequence[Mapping[str, Any]]) -> dict[int, Expression]:
         """u on the clamped sides, formulas in x and y by side."""
         values = {}
@@ -162,7 +155,11 @@ class CaseBuilder:
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
             if "cantor" in item:
-                gap = self._build_cantor_gap(item["cantor"], f"{place}, cantor")
+                place = f"{place}, cantor"
+                gamma = self._read_exponent(item["cantor"], "gamma", place)
+                if gamma <= 0:
+                    raise InputError(f"{place}, gamma: {gamma} must be positive")
+                gap = cantor_gap(self.read_cantor_set(item["cantor"], place), gamma)
             else:
                 gap = self.parse_side_formula(item["formula"], place)
             result[self.side_number(item["side"])] = gap

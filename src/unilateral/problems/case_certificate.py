@@ -87,13 +87,12 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
     _check_hypotheses(case, hypotheses)
     contact_sides = remaining_sides(case.polygon, case.clamped_values)
     bounded = all(regularity.flux_bounded for regularity in regularities)
+    max_multiplier = max(0.0, *(float(sample.lambda_.max()) for sample in samples))
     return CaseCertificate(
         hypotheses,
-        case.gap_order > 3 / 2,
-        tuple((side, a, b) for side in contact_sides for a, b in _find_contact_intervals(case, side)),
-        max_multiplier=max(0.0, *(float(sample.lambda_.max()) for sample in samples))
-        if bounded
-        else math.inf,
+        g_regular=case.gap_order > 3 / 2,
+        contact=tuple((i, a, b) for i in contact_sides for a, b in _find_contact_intervals(case, i)),
+        max_multiplier=max_multiplier if bounded else math.inf,
         max_gap=max(0.0, *(float(sample.gap.max()) for sample in samples)),
     )
 
@@ -113,10 +112,9 @@ def _sample_side(case: ExactSolution, side: int) -> _SideSample:
 
 def _reference_size(case: ExactSolution, samples: list[_SideSample]) -> float:
     """The largest |u| and, times the diameter, typical |lambda| of a side, with which 0 is compared."""
-    sizes = [
-        (np.max(np.abs(sample.u)), case.polygon.diameter * np.median(np.abs(sample.lambda_)))
-        for sample in samples
-    ]
+    # typical is the median, for lambda may be infinite at singular points
+    diameter = case.polygon.diameter
+    sizes = [(np.max(np.abs(s.u)), diameter * np.median(np.abs(s.lambda_))) for s in samples]
     return float(np.max(np.nan_to_num(sizes, posinf=0.0)))
 
 
@@ -127,6 +125,7 @@ def _check_contact(case: ExactSolution, sample: _SideSample, size: float) -> Non
     scale_gap = max(size, np.max(np.abs(gap)))
     flux_floor = scale_gap / case.polygon.diameter
     scale_flux = max(flux_floor, np.max(np.abs(flux)))
+    # beside a singularity all other values would count as 0
     typical = max(flux_floor, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else flux_floor
     empty = (flux <= CASE_ZERO_TOLERANCE * typical) & (gap <= CASE_ZERO_TOLERANCE * scale_gap)
     # Two neighbours of the uniform grid, not of the points that come close to a singular one

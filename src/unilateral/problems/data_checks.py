@@ -99,11 +99,8 @@ def check_radicands(problem: Problem, name: str) -> None:
 
 def _data_roots(data: object) -> list[Expression]:
     """The powers in a formula whose exponents are no whole numbers, as expressions; none of other data."""
-    return (
-        [multiply_powers(1, [power]) for power in find_fractional_powers(data)]
-        if isinstance(data, Expression)
-        else []
-    )
+    powers = find_fractional_powers(data) if isinstance(data, Expression) else []
+    return [multiply_powers(1, [power]) for power in powers]
 
 
 def _explain_root(root: Expression, place: str, read: Callable[..., object] | None) -> str:

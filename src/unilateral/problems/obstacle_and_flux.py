@@ -226,11 +226,7 @@ def _enclose_at_vertices(
     for row, t in ((0, 1.0), (1, 0.0)) if constrained_sides.size else ():
         place = np.full(len(constrained_sides), t)
         exact = enclose_on_intervals(model, constrained_sides, place, place)
-        piece = (
-            np.searchsorted(side, constrained_sides, side="right") - 1
-            if t
-            else np.searchsorted(side, constrained_sides)
-        )
+        piece = np.searchsorted(side, constrained_sides, side="right" if t else "left") - int(t)
         value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
         finite = np.isfinite(exact.rad)
         vertex = (constrained_sides + int(t)) % n
@@ -263,11 +259,11 @@ def _slope_remainders(
     shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
     rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
     # |u' - p'| <= sum of |differences of coefficients| + the remainder of u' + rounding, of places, too
-    steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
+    remainder = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
     # Near an end u' may be that of the next piece: the jump of p' there, and what both are off
-    jumps = np.abs(_jumps_of_polynomials(rises)) + steep[1:] + steep[:-1]
+    jumps = np.abs(_jumps_of_polynomials(rises)) + remainder[1:] + remainder[:-1]
     jumps[np.diff(pieces.side[rows]) != 0] = 0.0
-    remainders[:, rows] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
+    remainders[:, rows] = remainder, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
     return remainders
 
 

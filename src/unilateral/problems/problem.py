@@ -201,7 +201,7 @@ class Problem:
         """
         if self.enclosed_flux.lower_bound < 0:
             return -math.inf
-        if self.c == ZERO:
+        if self.c == ZERO:  # -0.0 is 0
             return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
         if self.c == ONE:
             return self.range_of_f[0]

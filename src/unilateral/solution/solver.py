@@ -114,11 +114,8 @@ class Solver:
         source = None if formula is None else self._source_enclosures.get(formula)
         discrete = discretise_on_spaces(problem, self._spaces, source)
         if formula is not None and discrete.data:
-            self._source_enclosures = {
-                expression: enclosure
-                for expression, enclosure in self._source_enclosures.items()
-                if expression == self.problem.f
-            }
+            enclosures = self._source_enclosures.items()
+            self._source_enclosures = {f: source for f, source in enclosures if f == self.problem.f}
             self._source_enclosures[formula] = discrete.data.source
         return problem, discrete
 
