@@ -69,7 +69,8 @@ def draw_mesh(axes: Axes, plot_data: PlotData) -> None:
     """Draws the triangles, or where they are many the lengths of their longest edges."""
     n = len(plot_data.mesh.triangles)
     if n <= MAX_OUTLINED_TRIANGLES:
-        triangulation = Triangulation(*plot_data.mesh.points.T, plot_data.mesh.triangles)
+        x, y = plot_data.mesh.points.T
+        triangulation = Triangulation(x, y, plot_data.mesh.triangles)
         linewidth = min(0.5, MESH_LINE_POINTS / np.sqrt(n))
         axes.triplot(triangulation, color="k", linewidth=linewidth, rasterized=True)
     else:
