@@ -147,6 +147,7 @@ def make_plan(levels: Sequence[Level]) -> Plan | None:
     sizes = predict_sizes(levels)
     if sizes is None:
         return None
+    # all levels take time, the largest one the memory
     unknowns = max([last.unknowns, *sizes])
     seconds = last.elapsed + sum(predict_seconds(levels, size) for size in sizes)
     mb = predict_mb(levels, unknowns)

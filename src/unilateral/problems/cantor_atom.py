@@ -209,6 +209,7 @@ class CantorAtom(SideAtom):
             if boxes.size:
                 model = enclose(atom, x.select_boxes(boxes), y.select_boxes(boxes))
                 c[:, boxes] += model.c
+                # and the rounding of the sum
                 rad[boxes] += model.rad + EPS * np.abs(c[:, boxes]).sum(axis=0)
                 lower[boxes], upper[boxes] = interval.add_intervals((lower[boxes], upper[boxes]), model.range)
         return tighten_model(x.basis, c, rad, (lower, upper))

@@ -105,6 +105,7 @@ class CaseBuilder:
         if entry["atom"] == "cantor":
             alpha = self._read_exponent(entry, "alpha", where)
             return CantorAtom(self.polygon, side, 0.0, self.read_cantor_set(entry, where), alpha)
+        # polar atoms: at a vertex, or at the point `at` of a side
         cutoff = self._read_cutoff(entry, where) if "cutoff" in entry else None
         times = formula.parse_number(entry.get("times", 1), f"{where}, times")
         if entry["atom"] == "corner":
@@ -142,16 +143,14 @@ class CaseBuilder:
         """u on the clamped sides, formulas in x and y by side."""
         values = {}
         for i, entry in enumerate(entries):
-            values[self.side_number(entry["side"])] = self.parse_formula(
-                entry["u"], "xy", f"{self.where}, clamped[{i}]"
-            )
+            place = f"{self.where}, clamped[{i}]"
+            values[self.side_number(entry["side"])] = self.parse_formula(entry["u"], "xy", place)
         return values
 
     def build_gaps(self, entry: Mapping[str, Any]) -> tuple[Expression, ...]:
         """The gap u - g on every side, a formula in t."""
-        result = [
-            self.parse_side_formula(entry["elsewhere"], f"{self.where}, gap.elsewhere")
-        ] * self.polygon.n_sides
+        elsewhere = self.parse_side_formula(entry["elsewhere"], f"{self.where}, gap.elsewhere")
+        result = [elsewhere] * self.polygon.n_sides
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
             if "cantor" in item:

@@ -77,6 +77,7 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
     if not (case.c or case.clamped_values):
         raise InputError(f"case '{case.name}', field c: it is 0, and no side is clamped")
     _check_continuity(case, samples)
+    # Theorem 4.1: (j) u in H^2; (jj) u and g = u - gap Lipschitz on sides; (jjj) finitely many transitions
     regularities = [atom.regularity for atom in case.atoms]
     lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
     hypotheses = {

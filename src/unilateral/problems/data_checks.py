@@ -93,6 +93,7 @@ def check_radicands(problem: Problem, name: str) -> None:
         data = problem.q if free else problem.g
         for root in _data_roots(data[side]) if data else ():
             if not np.isfinite(range_on_side(problem.polygon, root, side)).all():
+                # no hint for g and u: they have to be Lipschitz, and pos(a, 1/2) is not
                 read = partial(read_formula, field=field) if free else None
                 raise InputError(f"{name}, field {field}: {_explain_root(root, f'on side {side}', read)}")
 

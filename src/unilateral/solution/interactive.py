@@ -250,9 +250,8 @@ def draw_boundary_graphs(plot_data: PlotData) -> Figure:
     figure.update_xaxes(range=[0, plot_data.mesh.polygon.perimeter], zeroline=False)
     figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
     figure.update_yaxes(automargin=True, rangemode="tozero")
-    figure.update_layout(
-        template="none", margin={"l": 50, "r": 10, "t": 10, "b": 45}, legend=PAGE_LEGEND_LAYOUT
-    )
+    margin = {"l": 50, "r": 10, "t": 10, "b": 45}
+    figure.update_layout(template="none", margin=margin, legend=PAGE_LEGEND_LAYOUT)
     return figure
 
 

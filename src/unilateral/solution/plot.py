@@ -151,9 +151,8 @@ def _mark_sides_without_contact(multiplier_axes: Axes, gap_axes: Axes, plot_data
             gap_axes.text((start + end) / 2, 0.25, "free", color=FREE_COLOUR, **alignment)
     if plot_data.given_flux.any():
         given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
-        multiplier_axes.stairs(
-            given_flux, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
-        )
+        dashes: Any = {"color": FREE_COLOUR, "linestyle": "dashed", "label": "given flux q"}
+        multiplier_axes.stairs(given_flux, s, baseline=None, **dashes)
         multiplier_axes.legend(fontsize="small", frameon=False)
 
 

@@ -47,16 +47,10 @@ def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) ->
     The colour bar is beside the axes, or takes a part of them if `is_bar_inside`.
     """
     field = _shade_nodal_values(axes, plot_data, plot_data.u, Normalize(*plot_data.colour_limits))
-    lines = {"linewidths": 0.5, "linestyles": "solid"}
     if plot_data.has_variation:
-        axes.tricontour(
-            _triangulate_surface(plot_data),
-            plot_data.u[plot_data.surface[0]],
-            MAX_CONTOUR_LEVELS,
-            colors="w",
-            alpha=0.6,
-            **lines,
-        )
+        lines: Any = {"colors": "w", "alpha": 0.6, "linewidths": 0.5, "linestyles": "solid"}
+        u = plot_data.u[plot_data.surface[0]]
+        axes.tricontour(_triangulate_surface(plot_data), u, MAX_CONTOUR_LEVELS, **lines)
     add_bar = _add_colour_bar_below if is_bar_inside else _add_colour_bar
     bar = add_bar(axes, field, "$u_h$")
     bar.set_ticks(choose_ticks() if plot_data.has_variation else FixedLocator([float(plot_data.u[0])]))
