@@ -181,8 +181,10 @@ def reachable_accuracy(levels: Sequence[Level]) -> float | None:
     """
     last = levels[-1]
     goal = last.goal
-    reached = last.total / last.size if last.size > 0 else 1.0
-    reached = min(last.total, MAX_ERROR_QUOTIENT) if goal.absolute else min(reached, 1.0)
+    if goal.absolute:
+        reached = min(last.total, MAX_ERROR_QUOTIENT)  # its logarithm is finite
+    else:
+        reached = min(last.total / last.size, 1.0) if last.size > 0 else 1.0
     if not reached > 0:
         return None
     # The plans for these accuracies, from the smallest one on

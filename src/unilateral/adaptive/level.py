@@ -57,7 +57,7 @@ class Level:
     certified
         Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
     seconds
-        The time of the level, with that for its mesh and its bound.
+        The time of the level: the refinement that made its mesh, the solution and the bound.
     elapsed
         The seconds from the beginning to the end of this level.
     peak_mb

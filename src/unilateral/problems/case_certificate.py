@@ -101,7 +101,7 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
 def _sample_side(case: ExactSolution, side: int) -> _SideSample:
     """Midpoints of a uniform grid, and geometric sequences about the singular points, inside the side."""
     uniform = (np.arange(SAMPLES_PER_SIDE) + 0.5) / SAMPLES_PER_SIDE
-    near = np.logspace(-9, -2, 36)
+    near = np.logspace(-9, -2, 36)  # distances in side lengths
     points = [p.t + sign * near for p in case.singular_points() if p.side == side for sign in (-1, 1)]
     t = np.unique(np.concatenate([uniform, *points]))
     t = t[(t > 0) & (t < 1)]

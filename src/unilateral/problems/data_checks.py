@@ -208,8 +208,8 @@ def _check_size(
 ) -> None:
     """Raises InputError if the size of |f|, |g| or |q| is above what is allowed, or below it and not 0.
 
-    A root of what interval arithmetic makes of 0 is not much smaller than MIN_DATA_SIZE: whether it is 0 its
-    size does not say.
+    `where` names the field, and `place` says in words where in the polygon. A root of what interval
+    arithmetic makes of 0 is not much smaller than MIN_DATA_SIZE, so `is_0` tells whether the data may be 0.
     """
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")

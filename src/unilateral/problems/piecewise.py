@@ -187,6 +187,7 @@ def _first_intervals(
     )
     side = np.array([i for i, _ in ends], dtype=np.intp)
     t = np.array([t for _, t in ends])
+    # neighbours in this order are the ends of an interval, if they are on one side
     within = side[1:] == side[:-1]
     return side[:-1][within], t[:-1][within], t[1:][within]
 
