@@ -77,17 +77,9 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
     if not (case.c or case.clamped_values):
         raise InputError(f"case '{case.name}', field c: it is 0, and no side is clamped")
     _check_continuity(case, samples)
-    # Theorem 4.1: (j) u in H^2; (jj) u and g = u - gap Lipschitz on sides; (jjj) finitely many transitions
-    regularities = [atom.regularity for atom in case.atoms]
-    lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
-    hypotheses = {
-        "j": all(regularity.in_H2 for regularity in regularities),
-        "jj": all(regularity.lipschitz for regularity in regularities) and lipschitz_gap,
-        "jjj": all(regularity.finite for regularity in regularities),
-    }
-    _check_hypotheses(case, hypotheses)
+    hypotheses = _derive_hypotheses(case)
     contact_sides = remaining_sides(case.polygon, case.clamped_values)
-    bounded = all(regularity.flux_bounded for regularity in regularities)
+    bounded = all(atom.regularity.flux_bounded for atom in case.atoms)
     max_multiplier = max(0.0, *(float(sample.lambda_.max()) for sample in samples))
     return CaseCertificate(
         hypotheses,
@@ -198,11 +190,21 @@ def _describe_case_point(case: ExactSolution, side: int, t: float) -> str:
     return f"case '{case.name}' on '{case.polygon.name}' at ({x:.6g}, {y:.6g}), side {side}, t = {t:.6g}"
 
 
-def _check_hypotheses(case: ExactSolution, hypotheses: dict[str, bool]) -> None:
+def _derive_hypotheses(case: ExactSolution) -> dict[str, bool]:
+    """Which hypotheses of Theorem 4.1 hold, by name. Raises InputError where the case declares others."""
+    # (j) u in H^2; (jj) u and g = u - gap Lipschitz on sides; (jjj) finitely many transitions
+    regularities = [atom.regularity for atom in case.atoms]
+    lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
+    hypotheses = {
+        "j": all(regularity.in_H2 for regularity in regularities),
+        "jj": all(regularity.lipschitz for regularity in regularities) and lipschitz_gap,
+        "jjj": all(regularity.finite for regularity in regularities),
+    }
     for name, value in hypotheses.items():
         if case.declaration["hypotheses"][name] != value:
             found_out = f"({name}) {'holds' if value else 'does not hold'}, declared otherwise"
             raise InputError(f"case '{case.name}', field hypotheses.{name}: {found_out}")
+    return hypotheses
 
 
 def set_free_sides(case: Problem, sides: Sequence[int]) -> Problem:

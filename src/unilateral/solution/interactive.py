@@ -123,17 +123,13 @@ def draw_surface(plot_data: PlotData) -> Figure:
     u = plot_data.u[nodes]
     (i, j, k) = triangles.T.astype(np.int32)
     u_min, u_max = plot_data.colour_limits
-    colours: Any = {"cmin": u_min, "cmax": u_max, "colorscale": "Viridis", "colorbar": PAGE_COLOUR_BAR}
-    look: Any = {"lighting": {"ambient": 0.8, "specular": 0.1}}
+    look: Any = {"cmin": u_min, "cmax": u_max, "colorscale": "Viridis", "colorbar": PAGE_COLOUR_BAR}
+    look["lighting"] = {"ambient": 0.8, "specular": 0.1}
     look["hovertemplate"] = HOVER_TEMPLATE.format("u<sub>h</sub>")
-    drawn = [go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **colours, **look)]
+    drawn = [go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **look)]
     drawn.append(_draw_space_line(_contact_curve(plot_data), PAGE_CONTACT_COLOUR, 9, "contact"))
-    # the mean of g on each cell, but not in contact, where u_h hides it
-    ends = np.stack(plot_data.contact.partition.ends, axis=1).reshape(-1, 2)
-    heights = np.where(plot_data.contact.lambda_H > 0, np.nan, plot_data.obstacle)
-    steps = np.column_stack([ends, np.repeat(heights, 2)])
     name = "obstacle g, mean over each cell without contact"
-    drawn.append(_draw_space_line(steps, PAGE_OBSTACLE_COLOUR, 4, name))
+    drawn.append(_draw_space_line(_obstacle_steps(plot_data), PAGE_OBSTACLE_COLOUR, 4, name))
     if plot_data.clamped_sides:
         drawn.append(_draw_space_line(_clamped_strokes(plot_data), PAGE_CLAMPED_COLOUR, 5, "clamped"))
     drawn.append(_draw_side_numbers(plot_data))
@@ -222,6 +218,13 @@ def _clamped_strokes(plot_data: PlotData) -> Array:
         # from each foot to its tip and back, so that one line draws all
         curves += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
     return np.concatenate(curves)
+
+
+def _obstacle_steps(plot_data: PlotData) -> Array:
+    """Both ends (2 m, 3) of each cell at the height of the mean of g, NaN in contact, where u_h hides it."""
+    ends = np.stack(plot_data.contact.partition.ends, axis=1).reshape(-1, 2)
+    heights = np.where(plot_data.contact.lambda_H > 0, np.nan, plot_data.obstacle)
+    return np.column_stack([ends, np.repeat(heights, 2)])
 
 
 def draw_boundary_graphs(plot_data: PlotData) -> Figure:
