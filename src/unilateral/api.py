@@ -218,8 +218,8 @@ def solve(
     check_stop(stop)
     arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
     without_sizes = h is None and H is None and accuracy is None and not absolute
-    on_own_mesh = isinstance(mesh, Mesh) or problem.mesh is not None
-    if without_sizes and not on_own_mesh and not problem.has_functions:
+    is_user_mesh = isinstance(mesh, Mesh) or problem.mesh is not None
+    if without_sizes and not is_user_mesh and not problem.has_functions:
         accuracy = DEFAULT_ACCURACY
     if not (tell is None or callable(tell)):
         raise InputError("tell has to be a function of a level; leave it out")
@@ -231,7 +231,7 @@ def solve(
         stop = stop or Stop()
         problem, triangulation, partition = mesh_problem(problem, h, H, mesh, stop)
         solution = Solution(problem, solve_on_mesh(problem, triangulation, partition, stop))
-        warn_of_shortfalls(solution, on_own_mesh)
+        warn_of_shortfalls(solution, is_user_mesh)
         return solution
     # up to an accuracy, on meshes that the search makes
     if h is not None or H is not None or isinstance(mesh, Mesh):
@@ -255,9 +255,7 @@ def solve(
         kind=mesh,
         stop=stop or Stop(),
     )
-    if goal.norm == "hm12" and not problems.remaining_sides(
-        problem.polygon, problem.free_sides, problem.clamped_sides
-    ):
+    if goal.norm == "hm12" and not problem.contact_sides:
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):

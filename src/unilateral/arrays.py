@@ -99,11 +99,10 @@ def _read_real_numbers(values: Any, where: str, requirement: str) -> NDArray[Any
 
 
 def _not_numeric_error(values: Any, where: str, requirement: str) -> InputError:
-    description = (
-        f"it holds values of the type {values.dtype}"
-        if hasattr(values, "dtype")
-        else f"it is {quote_input(repr(values))}"
-    )
+    if hasattr(values, "dtype"):
+        description = f"it holds values of the type {values.dtype}"
+    else:
+        description = f"it is {quote_input(repr(values))}"
     return InputError(f"{where}: {description}; {requirement}")
 
 

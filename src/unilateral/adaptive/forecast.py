@@ -11,8 +11,9 @@ from unilateral.adaptive.level import Level, discrete_norm, judge_for_goal
 from unilateral.adaptive.marking import LAMBDA_RATE, MAX_TRIANGLE_RATIO, TARGET_SHARE, evenness, should_adapt
 from unilateral.discrete.choice import SHARP_BOUND_BYTES, SPARSE_BYTES, wants_multigrid
 from unilateral.errors import BudgetError
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.system.memory import available_mb, peak_mb
+from unilateral.system.memory import BYTES_PER_MB, available_mb, peak_mb
 
 NEIGHBOUR_RATIO = 1.15
 """A mesh gets this many times the predicted triangles, because neighbours are refined, too."""
@@ -20,7 +21,6 @@ FREE_MEMORY_SHARE = 0.8
 """The next level may take this fraction of the free memory, beside what the last one still has."""
 MULTIGRID_LEVEL_BYTES = 1100
 """Bytes per unknown of a level by multigrid, with its cheap bound, as measured with 1e6 unknowns."""
-BYTES_PER_MB = 2**20
 OVERHEAD_UNKNOWNS = 2000
 """A level takes as long as one of this many more unknowns would, if time were proportional to these."""
 MIN_PLAN_UNKNOWNS = 2000
@@ -131,9 +131,8 @@ def predict_seconds(levels: Sequence[Level], unknowns: float) -> float:
 
 def bytes_per_unknown(goal: Goal) -> float:
     """The bytes that an unknown takes in a level."""
-    return (
-        MULTIGRID_LEVEL_BYTES if wants_multigrid(goal.stop, math.inf) else SPARSE_BYTES
-    ) + SHARP_BOUND_BYTES * goal.sharp
+    in_solve = MULTIGRID_LEVEL_BYTES if wants_multigrid(goal.stop, math.inf) else SPARSE_BYTES
+    return in_solve + SHARP_BOUND_BYTES * goal.sharp
 
 
 def predict_mb(levels: Sequence[Level], unknowns: float) -> float:
@@ -148,6 +147,7 @@ def make_plan(levels: Sequence[Level]) -> Plan | None:
     sizes = predict_sizes(levels)
     if sizes is None:
         return None
+    # all levels take time, the largest one the memory
     unknowns = max([last.unknowns, *sizes])
     seconds = last.elapsed + sum(predict_seconds(levels, size) for size in sizes)
     mb = predict_mb(levels, unknowns)
@@ -177,14 +177,17 @@ def is_hopeless(levels: Sequence[Level]) -> bool:
 def reachable_accuracy(levels: Sequence[Level]) -> float | None:
     """The least accuracy of 1, 2 or 5 times a power of ten that the limits allow, None if none is known.
 
-    None, too, where none of these is below what is reached.
+    It is between the accuracy of the goal and the one that is reached; None, too, where none of these is.
     """
     last = levels[-1]
     goal = last.goal
-    share = last.total / last.size if last.size > 0 else 1.0
-    reached = min(last.total, MAX_ERROR_QUOTIENT) if goal.absolute else min(share, 1.0)
+    if goal.absolute:
+        reached = min(last.total, MAX_ERROR_QUOTIENT)  # its logarithm is finite
+    else:
+        reached = min(last.total / last.size, 1.0) if last.size > 0 else 1.0
     if not reached > 0:
         return None
+    # The plans for these accuracies, from the smallest one on
     exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
     for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
         if goal.accuracy < accuracy < reached:
@@ -197,12 +200,13 @@ def reachable_accuracy(levels: Sequence[Level]) -> float | None:
 def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
     """The unknowns that the last mesh needs, infinite if unknown.
 
-    On uniform meshes the bound is taken to fall on at the rate that was observed, or at the least one.
+    On uniform meshes the bound is taken to fall on at the rate that was observed, but `min_rate` at least.
     """
     last = levels[-1]
     goal = last.goal
     target = goal.accuracy
-    if not goal.absolute:  # of a solution whose norm is the discrete one's less the error that is wanted
+    if not goal.absolute:
+        # of the solution's norm, of which the discrete one less the target is known: t = accuracy (norm - t)
         target *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
     if target <= 0 or not math.isfinite(last.total):
         return math.inf
@@ -218,21 +222,30 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
 
 
 def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
-    """The unknowns of the levels that are still to come, None if unknown.
-
-    A forecast: the last is what the target needs, though uniform meshes can only be quartered.
-    """
+    """The unknowns of the levels that are still to come, None if unknown."""
     last = levels[-1]
     if last.certified:
         return []
     needed = predict_unknowns(levels)
     if not math.isfinite(needed):
         return None
-    # the sizes grow by one factor from level to level, the last one is what is needed;
-    # a uniform refinement quarters triangles; an adapted one grows by the most it may
+    if not last.goal.can_adapt:
+        return predict_uniform_sizes(last.solved.mesh, needed)
+    # The last level has what is needed, for `divide_by_shares` stops there. Those before it are quartered, or
+    # grow by the most that an adapted mesh may
     step = MAX_TRIANGLE_RATIO if should_adapt(last) else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]
+
+
+def predict_uniform_sizes(mesh: Mesh, needed: float) -> list[float]:
+    """The unknowns of the uniform refinements of a mesh, up to the first that has as many as are `needed`."""
+    sizes: list[float] = []
+    while not sizes or sizes[-1] < needed:
+        # k refinements make 4^k t triangles and 2^k b boundary nodes: by Euler 1 + (4^k t + 2^k b) / 2 nodes
+        k = len(sizes) + 1
+        sizes.append(1 + (4.0**k * len(mesh.triangles) + 2.0**k * len(mesh.boundary)) / 2)
+    return sizes
 
 
 def observed_rate(levels: Sequence[Level]) -> float:

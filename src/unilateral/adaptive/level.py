@@ -57,7 +57,7 @@ class Level:
     certified
         Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
     seconds
-        The time of the level, with that for its mesh and its bound.
+        The time of the level: the refinement that made its mesh, the solution and the bound.
     elapsed
         The seconds from the beginning to the end of this level.
     peak_mb
@@ -99,13 +99,16 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
     algebraic = solved.algebraic_bound(goal.norm)
     size = solved.norm_lower_bound(goal.norm, goal.sharp)
     target = target_error(goal, size, discrete_norm(solved, goal))
+    # No bound is below what underflow adds to it, even where u_h = 0 is the solution
     zero_solution_error = max(
         ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form)
     )
 
-    # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
-    max_error = goal.accuracy if goal.absolute else goal.accuracy * size
-    max_error = max_error if target else zero_solution_error
+    # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth. Relative to
+    # that bound nothing is certified where it is 0, but for u_h = 0, for which the target is 0, too
+    max_error = zero_solution_error
+    if target:
+        max_error = goal.accuracy if goal.absolute else goal.accuracy * size
     certified = total <= max_error and algebraic <= ALGEBRAIC_SHARE * max_error
     return Level(
         solved=solved,
@@ -150,11 +153,6 @@ def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:
     return solved.u_norm if goal.norm == "h1" else solved.lambda_norm
 
 
-def lacks_contact(level: Level) -> bool:
-    """Whether lambda_H is 0 although an error relative to it is wanted, on a mesh that is not coarse."""
-    return level.target == 0 and level.goal.norm == "hm12" and level.unknowns >= MIN_CONTACT_UNKNOWNS
-
-
 def is_limited_by_data(level: Level) -> bool:
     """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
     return level.bound is not None and level.bound.irreducible_remainder > level.target > 0
@@ -172,13 +170,14 @@ def contradict(a: Level, b: Level) -> bool:
     sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     form = a.solved.form
+    # |int v| <= u_factor ||v||, |<mu, 1>| <= lambda_factor ||mu||_{-1/2}
     u_factor = math.inf
     lambda_factor = math.inf
-    # |int v| <= u_factor ||v||, |<mu, 1>| <= lambda_factor ||mu||_{-1/2}
     if not form.clamped:
         area = a.partition.polygon.area
         u_factor = math.sqrt(area / form.c)
         lambda_factor = math.sqrt(area * form.c)
+    # ||u_a - u_b|| <= ||u_a - u|| + ||u - u_b||
     u_bound = lambda_bound = math.inf
     if a.bound and b.bound:
         u_bound = a.bound.u + b.bound.u
@@ -203,7 +202,8 @@ def find_fault(levels: Sequence[Level]) -> str:
         return CONTRADICTED
     if last.certified:
         return ""
-    if lacks_contact(last):
+    # an error relative to lambda is wanted, but lambda_H is 0 on a mesh that is not coarse
+    if last.target == 0 and last.goal.norm == "hm12" and last.unknowns >= MIN_CONTACT_UNKNOWNS:
         return WITHOUT_CONTACT
     # where the algebraic error hardly counts, finer meshes do help
     if not last.solved.result.converged and last.algebraic > ALGEBRAIC_SHARE * last.total:

@@ -158,8 +158,8 @@ def search(
     start_time = perf_counter() if start_time is None else start_time
     levels: list[Level] = []
     discrete: DiscreteProblem | None = None
-    predicted = math.inf
-    own_error: InputError | None = None  # of `report_level`, which refuses no mesh
+    predicted_total = math.inf
+    report_error: InputError | None = None  # to tell it from one that refuses a mesh
     try:
         forget_peak()
         check_limits(problem.polygon, goal, perf_counter() - start_time)
@@ -169,18 +169,10 @@ def search(
             # Solve and bound
             enclosing_start = perf_counter()
             discrete = discretise_level(mesh, problem, goal, discrete, levels)
-            enclosing = perf_counter() - enclosing_start
-            solved = solve_next_level(discrete, goal, levels, predicted)
-            level = measure_level(solved, goal, predicted)
-            end = perf_counter()
-            level = replace(
-                level,
-                seconds=end - start,
-                elapsed=end - start_time,
-                peak_mb=peak_mb(),
-                enclosing_seconds=enclosing,
-            )
-            levels.append(level)
+            enclosing_seconds = perf_counter() - enclosing_start
+            solved = solve_next_level(discrete, goal, levels, predicted_total)
+            level = measure_level(solved, goal, predicted_total)
+            levels.append(add_costs(level, start, start_time, enclosing_seconds))
 
             # Mark, if another level is wanted and within the limits
             fault = find_fault(levels)
@@ -193,18 +185,19 @@ def search(
                 try:
                     report_level(levels[-1])
                 except InputError as error:
-                    own_error = error
+                    report_error = error
                     raise
             if not division:
                 return conclude_search(levels, fault, dry_run)
 
-            # Refine
+            # Refine, in the next level's time
             start = perf_counter()
             forget_peak()
-            predicted = division.bound_ratio * levels[-1].total
+            predicted_total = division.bound_ratio * levels[-1].total
             mesh = halve_triangle_edges(mesh, division.halvings)
     except (KeyboardInterrupt, MemoryError, InputError) as stopped:
-        if not levels or stopped is own_error:
+        # The finished levels are a result, unless there are none or the caller's own function failed
+        if not levels or stopped is report_error:
             raise
         if isinstance(stopped, KeyboardInterrupt):
             return make_search(levels, ENDED_BY_INTERRUPT)
@@ -213,16 +206,30 @@ def search(
         return make_search(levels, NEXT_LEVEL_REFUSED, stopped)
 
 
+def add_costs(level: Level, start: float, start_time: float, enclosing_seconds: float) -> Level:
+    """The level that ends now, with its time since `start`, that of the search, and the peak memory."""
+    end = perf_counter()
+    return replace(
+        level,
+        seconds=end - start,
+        elapsed=end - start_time,
+        peak_mb=peak_mb(),
+        enclosing_seconds=enclosing_seconds,
+    )
+
+
 def conclude_search(levels: list[Level], fault: str, dry_run: bool) -> Search:
-    """The search as it ends after its last level, by a `fault` or without one."""
+    """The search as it ends after its last level, by a `fault`, the accuracy, a plan or a limit."""
     if fault or (levels[-1].certified and not dry_run):
         return make_search(levels, fault)
     planned = make_plan(levels)
+    # A plan ends a dry run, and a search that it shows to be hopeless
     if dry_run or is_hopeless(levels):
         missed = planned.missed if planned else ()
         names = f" ({', '.join(missed)})" if missed else ""
         reach = reachable_accuracy(levels) if missed else None
         return make_search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
+    # Else a limit does: the one that allows the fewest unknowns is named
     allowed = allowed_unknowns(levels)
     return make_search(
         levels, f"out of budget ({min(allowed, key=lambda name: allowed[name])})", plan=planned
@@ -237,6 +244,7 @@ def make_first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
     kind = goal.kind or default_mesh_kind(polygon)
     H = float(polygon.lengths.max())
     max_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    # Short sides need short edges, which need not go on inside: adapted meshes may be graded
     min_count = min_unknowns(polygon, H / 2)
     graded = min_count > MIN_ADAPTED_UNKNOWNS and kind == "unstructured" and goal.can_adapt
     if graded or min_count <= max_unknowns:
@@ -266,8 +274,8 @@ def make_edge_pair_mesh(polygon: Polygon, H: float, kind: str, growth: float | N
 def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division | None:
     """How to divide the triangles for the next level, None if it is not wanted or not within the limits.
 
-    The levels have to be without a fault. Where the limits do not allow what is wanted, the last
-    level stays away from them.
+    The levels have to be without a fault (`find_fault`). Where the limits do not allow the wanted division,
+    the next level takes LIMIT_SHARE of what they allow, and is the last one.
     """
     last = levels[-1]
     if last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
@@ -277,8 +285,8 @@ def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division 
         allowed_unknowns(levels).values()
     ):
         return target_division
+    # the triangles that the limits allow, where the bound is largest; uniform meshes can only be quartered
     triangle_ratio = min(allowed_unknowns(levels, LIMIT_SHARE).values()) / (NEIGHBOUR_RATIO * last.unknowns)
-    # the triangles that the limits allow, where the bound is largest
     has_shares = 0 < last.solved.bound_shares.max() < math.inf
     if not (last.goal.can_adapt and has_shares) or triangle_ratio < MIN_TRIANGLE_RATIO:
         return None
@@ -304,13 +312,17 @@ def discretise_level(
 def solve_next_level(
     discrete: DiscreteProblem, goal: Goal, levels: Sequence[Level], predicted_total: float
 ) -> DiscreteSolution:
-    """The solution, from that of the last level; its bound will be about as `predicted_total`."""
-    # The algebraic bound in the goal's norm is that of the iteration, over beta for lambda
+    """The solution, from that of the last level; its bound will be about as `predicted_total`.
+
+    The algebraic bound is to be a tenth of the error that is wanted, or predicted if that is larger.
+    """
+    # The bound on lambda's algebraic error is that on u's over beta, so what it may be is times beta
     scale = 1.0 if goal.norm == "h1" else discrete.beta
     start = None
     tolerance = None
     total = math.inf
     if levels:
+        # first by the norm of the last solution, as this one's is not known
         last = levels[-1]
         start = last.partition.means(last.solved.lambda_H, discrete.partition.points)[discrete.cells]
         total = max(last.target, predicted_total)
@@ -318,8 +330,8 @@ def solve_next_level(
             tolerance = RETRY_TOLERANCE_SHARE * ALGEBRAIC_SHARE * total * scale or None
     solved = discrete.iterate(tolerance, goal.stop, start, total)
     if levels:
+        # then by the norm of this solution
         size = solved.norm_lower_bound(goal.norm, goal.sharp)
-        # by the norm of this solution: a tenth of the wanted error, or of the predicted one if that is larger
         target = target_error(goal, size, discrete_norm(solved, goal))
         max_bound = ALGEBRAIC_SHARE * max(target, predicted_total) * scale
         if max_bound > 0:

@@ -83,6 +83,7 @@ def divide_by_shares(
             halvings, float(child_counts.mean()), math.sqrt(float((relative_shares / child_counts).sum()))
         )
 
+    # at `low` all edges are halved MAX_HALVINGS times, at `high` none
     low = float(logarithms.min()) - 4 * MAX_HALVINGS - 2
     high = float(logarithms.max()) + 2
     theta, _ = bisect(lambda theta: divide_at(theta).bound_ratio <= bound_ratio, low, high)
@@ -96,7 +97,7 @@ def divide_by_shares(
 def bisect(condition: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
     """The largest number between two ends for which `condition` is true, and one just above it.
 
-    It is for a condition that is true up to some number.
+    The condition has to be true up to some number. If it is false everywhere, both numbers are near `low`.
     """
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -153,14 +154,16 @@ def choose_target_division(level: Level) -> Division:
     """
     bound_ratio = target_bound_ratio(level)
     shares = level.solved.bound_shares
+    # One uniform refinement, if it is not known what is wanted or where the bound comes from
     if bound_ratio == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
         return divide_uniformly(len(shares))
     # uniform meshes need 1 / bound_ratio^2 times the triangles, the best one `evenness` times that
     needed = evenness(shares) / bound_ratio**2
-    if needed > MAX_TRIANGLE_RATIO and not should_adapt(level):
-        return divide_uniformly(len(shares))
     max_triangle_ratio = MAX_TRIANGLE_RATIO
     if needed > MAX_TRIANGLE_RATIO:
+        # Several steps: uniform ones while adapted meshes do not pay, and none smaller than those
+        if not should_adapt(level):
+            return divide_uniformly(len(shares))
         steps = math.ceil(math.log(needed) / math.log(MAX_TRIANGLE_RATIO))
         max_triangle_ratio = max(needed ** (1 / steps), 4.0)
     adapted_division = divide_by_shares(shares, bound_ratio, max_triangle_ratio)
@@ -171,14 +174,12 @@ def choose_target_division(level: Level) -> Division:
 
 
 def target_bound_ratio(level: Level) -> float:
-    """The part of the last bound that the next level is to leave; 0 where it is not known what is wanted.
-
-    The next prediction is taken to miss by the same factor as the last one. The bound on lambda falls like
-    the unknowns to the power -LAMBDA_RATE.
-    """
+    """The part of the last bound that the next level is to leave; 0 where it is not known what is wanted."""
     if not (level.target > 0 and math.isfinite(level.total)):
         return 0.0
+    # the next prediction is taken to miss by the same factor as the last one
     miss_factor = level.total / level.predicted_total
     miss_factor = min(max(miss_factor, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if miss_factor > 0 else 1.0
     bound_ratio = TARGET_SHARE * level.target / (level.total * miss_factor)
+    # Divisions are for a bound like n^{-1/2}. Lambda's, like n^{-LAMBDA_RATE}, has this power of it
     return bound_ratio if level.goal.norm == "h1" else bound_ratio ** (0.5 / LAMBDA_RATE)

@@ -102,9 +102,9 @@ def run_solve(options: SimpleNamespace) -> int:
     if search is not None and options.dry_run:
         print_result(describe_plan(problem.name, search, options.json))
         return EXIT_INTERRUPTED if interrupted else 0
-    on_own_mesh = options.mesh not in (None, *api.MESH_KINDS)
+    is_user_mesh = options.mesh not in (None, *api.MESH_KINDS)
     record, interrupted = report_solution(
-        solution, sharp, options.json, on_own_mesh, options.begin, interrupted
+        solution, sharp, options.json, is_user_mesh, options.begin, interrupted
     )
     # Ctrl-C ends this at once, also after a search that it has ended
     write_files(solution, record, files, options.certificate, sharp, options.json)

@@ -151,11 +151,13 @@ def solve_command(ctx: click.Context, **options: Any) -> int:
     given_options = {
         name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
     }
-    own_mesh = options["mesh"] not in (None, *MESH_KIND_NAMES)
-    options["by_default"] = not (own_mesh or given_options & {"h", "H", "tolerance", "accuracy", "absolute"})
+    is_user_mesh = options["mesh"] not in (None, *MESH_KIND_NAMES)
+    options["by_default"] = not (
+        is_user_mesh or given_options & {"h", "H", "tolerance", "accuracy", "absolute"}
+    )
     if options["by_default"]:
         options["accuracy"] = DEFAULT_ACCURACY
-    _check_alternatives(ctx, options, given_options, own_mesh)
+    _check_alternatives(ctx, options, given_options, is_user_mesh)
     from unilateral.cli.solve import run_solve
 
     return run_solve(SimpleNamespace(**options, begin=begin))

@@ -26,7 +26,7 @@ from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
 from unilateral.fem.nested_cells import LevelCells, nested_cells
 from unilateral.fem.residual_rounding import max_row_entries
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.adapted import AdaptedMesh, refine_and_balance, start_adapted_mesh
+from unilateral.geometry.adapted import AdaptedMesh, mark_triangles, refine_and_balance, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.problem import Problem
@@ -261,6 +261,11 @@ def solve_refinements(
         solution = _solve_from_previous(solution, discrete, stop)
         yield solution
         adapted = refine_and_balance(adapted, choose_triangles(solution))
+
+
+def mark_by_bound(solution: DiscreteSolution) -> Index:
+    """The triangles that half of the squared bound comes from, for `solve_refinements`."""
+    return mark_triangles(solution.mesh, solution.bound_shares)
 
 
 def _solve_from_previous(

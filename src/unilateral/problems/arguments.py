@@ -46,7 +46,7 @@ def as_file_number(value: Any, where: str) -> Any:
     if not callable(value) and hasattr(value, "__array__"):
         array = np.asarray(value)
         if array.ndim == 0 and array.dtype.kind in "iuf":
-            read_floats(value, where)
+            read_floats(value, where)  # called for its error
             value = array.item()
     if isinstance(value, complex) or (isinstance(value, float) and not math.isfinite(value)):
         raise InputError(f"{where}: it is {value}; it has to be a finite number, or a formula")
@@ -76,12 +76,14 @@ def as_side_numbers(values: object, n: int, where: str) -> list[int]:
 def as_side_number(value: Any, n: int, where: str) -> int:
     """The number of one of n sides."""
     side = -1
-    kind = "; a side is a whole number"
+    hint = "; a side is a whole number"
     with suppress(TypeError):
-        side, kind = (side, kind) if isinstance(value, bool) else (operator.index(value), "")
+        if not isinstance(value, bool):  # which Python takes for 0 or 1
+            side = operator.index(value)
+            hint = ""
     if not 0 <= side < n:
         raise InputError(
-            f"{where}: the polygon has the sides 0 to {n - 1}, not {quote_input(repr(value))}{kind}"
+            f"{where}: the polygon has the sides 0 to {n - 1}, not {quote_input(repr(value))}{hint}"
         )
     return side
 

@@ -113,6 +113,7 @@ def build_problem(
     u is there. Raises InputError, beginning with `where` and the field.
     """
     ends = exact_side_ends(exact_vertices)
+    # the equation and the kinds of sides
     conductivity = _read_coefficient(k, f"{where}, field k")
     reaction = _read_coefficient(c, f"{where}, field c", allow_zero=True)
     free = tuple(sorted(arguments.as_side_numbers(free_sides, polygon.n_sides, f"{where}, field free_sides")))
@@ -129,6 +130,7 @@ def build_problem(
             f"{where}, field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in the "
             "field u, or take a c above 0"
         )
+    # the data, on clamped sides u in the place of g
     source = read_source(f, mesh, f"{where}, field f")
     obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{where}, field g")
     fluxes = read_sides("q", q, ends, free, clamped, mesh, f"{where}, field q")
@@ -173,7 +175,7 @@ def replace_data(
     if q is not None:
         changed["q"] = tuple(read_sides("q", q, ends, free, clamped, mesh, f"{name}, field q"))
     new = replace(problem, **changed)
-    if linear_fields(new):
+    if linear_fields(new):  # values at nodes belong to a mesh
         new = replace(new, mesh=mesh)
     if q is None and not new.has_functions:
         # q is the same, and so is what was computed of it

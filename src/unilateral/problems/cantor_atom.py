@@ -36,7 +36,22 @@ UNREMOVED_GAP_FACTOR = Fraction(1, 100)
 
 They are no part of the set, which has measure 0, and their gap must not outweigh that of the removed ones.
 """
-SupportPoints = tuple[Index, Array, Array, list[Array]]
+
+
+class SupportPoints(NamedTuple):
+    """The points in supports of atoms, by their numbers `point` (m,), one support after another.
+
+    `length` is l, and `theta` the angle at the support's centre. v, dv/dr, (dv/dtheta)/r and Delta v are
+    those of the atom whose contact is [0, 1], at r / l and theta.
+    """
+
+    point: Index
+    length: Array
+    theta: Array
+    v: Array
+    v_r: Array
+    v_theta_over_r: Array
+    laplacian: Array
 
 
 class CantorSet(NamedTuple):
@@ -122,7 +137,7 @@ class CantorAtom(SideAtom):
         return compile_numpy(atom.derivatives, ("r", "theta"))
 
     def _evaluate_in_supports(self, along: Array, into: Array) -> SupportPoints:
-        """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
+        """The points that lie in supports, by their coordinates along the side and into Omega, (k,) each."""
         # A support is the half disc of radius l about a start; `near` are the points below the largest l
         starts = self._contact_intervals[:, 0]
         lengths = np.diff(self._contact_intervals)[:, 0]
@@ -139,7 +154,7 @@ class CantorAtom(SideAtom):
         inside = (r > 0) & (r < length)
         theta = np.arctan2(y[inside], x[inside])
         length = length[inside]
-        return points[inside], length, theta, self._unit_atom(r[inside] / length, theta)
+        return SupportPoints(points[inside], length, theta, *self._unit_atom(r[inside] / length, theta))
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """Values (k,) and gradients (k, 2) at points + offset."""
@@ -150,16 +165,15 @@ class CantorAtom(SideAtom):
     ) -> tuple[Array, Array, Array]:
         """Values, gradients and values of -Delta u + u at points + offset."""
         along, into = self.local_coordinates_inside(points, offset)
-        index, length, theta, (v, v_r, v_theta, laplacian) = self._evaluate_in_supports(along, into)
+        support = self._evaluate_in_supports(along, into)
         # An atom on an interval of length l (in units of L) is L l l^alpha v(r / l): lambda is like s^alpha
-        scale = length ** float(self.alpha)
-        size = self.length * length
-        slopes = self.rotate_polar_to_xy(theta, scale * v_r, scale * v_theta).T
-        value = _sum_at_points(index, size * scale * v, along)
-        dx = _sum_at_points(index, slopes[0], along)
-        dy = _sum_at_points(index, slopes[1], along)
-        f = _sum_at_points(index, scale * (size * v - laplacian / size), along)
-        return value, np.column_stack([dx, dy]), f
+        scale = support.length ** float(self.alpha)
+        size = self.length * support.length
+        slopes = self.rotate_polar_to_xy(support.theta, scale * support.v_r, scale * support.v_theta_over_r).T
+        value = _sum_at_points(support.point, size * scale * support.v, along)
+        gradient = np.column_stack([_sum_at_points(support.point, slope, along) for slope in slopes])
+        f = _sum_at_points(support.point, scale * (size * support.v - support.laplacian / size), along)
+        return value, gradient, f
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
         """Whether u is known to be 0 in each circle, (k,)."""
@@ -195,6 +209,7 @@ class CantorAtom(SideAtom):
             if boxes.size:
                 model = enclose(atom, x.select_boxes(boxes), y.select_boxes(boxes))
                 c[:, boxes] += model.c
+                # and the rounding of the sum
                 rad[boxes] += model.rad + EPS * np.abs(c[:, boxes]).sum(axis=0)
                 lower[boxes], upper[boxes] = interval.add_intervals((lower[boxes], upper[boxes]), model.range)
         return tighten_model(x.basis, c, rad, (lower, upper))
@@ -210,11 +225,12 @@ class CantorAtom(SideAtom):
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
         """Values of u and of its outward normal derivative on the side, (k,) each."""
+        support = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
+        scale = support.length ** float(self.alpha)
+        value = _sum_at_points(support.point, self.length * support.length * scale * support.v, along.t)
         # du/dn = -(dv/dtheta)/r for theta = 0 and +(dv/dtheta)/r for theta = pi
-        index, length, theta, (v, _, v_theta, _) = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
-        scale = length ** float(self.alpha)
-        value = _sum_at_points(index, self.length * length * scale * v, along.t)
-        return value, _sum_at_points(index, scale * np.where(theta > 0, v_theta, -v_theta), along.t)
+        flux = scale * np.where(support.theta > 0, support.v_theta_over_r, -support.v_theta_over_r)
+        return value, _sum_at_points(support.point, flux, along.t)
 
     def kinks(self) -> list[Kink]:
         """The circles about the starts of the contact intervals at which cutoffs end."""

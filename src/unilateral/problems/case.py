@@ -258,6 +258,7 @@ def derive_solution(
     build = CaseBuilder(where, polygon, side, constants)
     atoms = tuple(build.build_atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
     values = build.read_clamped_values(declaration.get("clamped", []))
+    # a clamped side has no obstacle, and so no gap
     gaps = tuple(ZERO if i in values else gap for i, gap in enumerate(build.build_gaps(declaration["gap"])))
     return ExactSolution(name, declaration, polygon, atoms, gaps, side, values)
 

@@ -24,8 +24,7 @@ from unilateral.formulas.grammar import (
 )
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import SmoothAtom, TensorAtom
-from unilateral.problems.cantor_atom import CantorAtom, CantorSet
-from unilateral.problems.cantor_atom import cantor_gap as cantor_gap
+from unilateral.problems.cantor_atom import CantorAtom, CantorSet, cantor_gap
 from unilateral.problems.polar_atoms import PolarAtom, make_corner_atom, make_harmonic_atom
 
 RESERVED_NAMES = {"x", "y", "t", "pi", *FUNCTION_ARITIES}
@@ -106,6 +105,7 @@ class CaseBuilder:
         if entry["atom"] == "cantor":
             alpha = self._read_exponent(entry, "alpha", where)
             return CantorAtom(self.polygon, side, 0.0, self.read_cantor_set(entry, where), alpha)
+        # polar atoms: at a vertex, or at the point `at` of a side
         cutoff = self._read_cutoff(entry, where) if "cutoff" in entry else None
         times = formula.parse_number(entry.get("times", 1), f"{where}, times")
         if entry["atom"] == "corner":
@@ -139,30 +139,26 @@ class CaseBuilder:
             raise InputError(f"{where}, {name}: {exponent} must be {limit}")
         return exponent
 
-    def _build_cantor_gap(self, entry: Mapping[str, Any], where: str) -> Expression:
-        gamma = self._read_exponent(entry, "gamma", where)
-        if gamma <= 0:
-            raise InputError(f"{where}, gamma: {gamma} must be positive")
-        return cantor_gap(self.read_cantor_set(entry, where), gamma)
-
     def read_clamped_values(self, entries: Sequence[Mapping[str, Any]]) -> dict[int, Expression]:
         """u on the clamped sides, formulas in x and y by side."""
         values = {}
         for i, entry in enumerate(entries):
-            values[self.side_number(entry["side"])] = self.parse_formula(
-                entry["u"], "xy", f"{self.where}, clamped[{i}]"
-            )
+            place = f"{self.where}, clamped[{i}]"
+            values[self.side_number(entry["side"])] = self.parse_formula(entry["u"], "xy", place)
         return values
 
     def build_gaps(self, entry: Mapping[str, Any]) -> tuple[Expression, ...]:
         """The gap u - g on every side, a formula in t."""
-        result = [
-            self.parse_side_formula(entry["elsewhere"], f"{self.where}, gap.elsewhere")
-        ] * self.polygon.n_sides
+        elsewhere = self.parse_side_formula(entry["elsewhere"], f"{self.where}, gap.elsewhere")
+        result = [elsewhere] * self.polygon.n_sides
         for i, item in enumerate(entry.get("sides", [])):
             place = f"{self.where}, gap.sides[{i}]"
             if "cantor" in item:
-                gap = self._build_cantor_gap(item["cantor"], f"{place}, cantor")
+                place = f"{place}, cantor"
+                gamma = self._read_exponent(item["cantor"], "gamma", place)
+                if gamma <= 0:
+                    raise InputError(f"{place}, gamma: {gamma} must be positive")
+                gap = cantor_gap(self.read_cantor_set(item["cantor"], place), gamma)
             else:
                 gap = self.parse_side_formula(item["formula"], place)
             result[self.side_number(item["side"])] = gap

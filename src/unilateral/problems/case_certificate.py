@@ -77,23 +77,15 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
     if not (case.c or case.clamped_values):
         raise InputError(f"case '{case.name}', field c: it is 0, and no side is clamped")
     _check_continuity(case, samples)
-    regularities = [atom.regularity for atom in case.atoms]
-    lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
-    hypotheses = {
-        "j": all(regularity.in_H2 for regularity in regularities),
-        "jj": all(regularity.lipschitz for regularity in regularities) and lipschitz_gap,
-        "jjj": all(regularity.finite for regularity in regularities),
-    }
-    _check_hypotheses(case, hypotheses)
+    hypotheses = _derive_hypotheses(case)
     contact_sides = remaining_sides(case.polygon, case.clamped_values)
-    bounded = all(regularity.flux_bounded for regularity in regularities)
+    bounded = all(atom.regularity.flux_bounded for atom in case.atoms)
+    max_multiplier = max(0.0, *(float(sample.lambda_.max()) for sample in samples))
     return CaseCertificate(
         hypotheses,
-        case.gap_order > 3 / 2,
-        tuple((side, a, b) for side in contact_sides for a, b in _find_contact_intervals(case, side)),
-        max_multiplier=max(0.0, *(float(sample.lambda_.max()) for sample in samples))
-        if bounded
-        else math.inf,
+        g_regular=case.gap_order > 3 / 2,
+        contact=tuple((i, a, b) for i in contact_sides for a, b in _find_contact_intervals(case, i)),
+        max_multiplier=max_multiplier if bounded else math.inf,
         max_gap=max(0.0, *(float(sample.gap.max()) for sample in samples)),
     )
 
@@ -101,7 +93,7 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
 def _sample_side(case: ExactSolution, side: int) -> _SideSample:
     """Midpoints of a uniform grid, and geometric sequences about the singular points, inside the side."""
     uniform = (np.arange(SAMPLES_PER_SIDE) + 0.5) / SAMPLES_PER_SIDE
-    near = np.logspace(-9, -2, 36)
+    near = np.logspace(-9, -2, 36)  # distances in side lengths
     points = [p.t + sign * near for p in case.singular_points() if p.side == side for sign in (-1, 1)]
     t = np.unique(np.concatenate([uniform, *points]))
     t = t[(t > 0) & (t < 1)]
@@ -113,10 +105,9 @@ def _sample_side(case: ExactSolution, side: int) -> _SideSample:
 
 def _reference_size(case: ExactSolution, samples: list[_SideSample]) -> float:
     """The largest |u| and, times the diameter, typical |lambda| of a side, with which 0 is compared."""
-    sizes = [
-        (np.max(np.abs(sample.u)), case.polygon.diameter * np.median(np.abs(sample.lambda_)))
-        for sample in samples
-    ]
+    # typical is the median, for lambda may be infinite at singular points
+    diameter = case.polygon.diameter
+    sizes = [(np.max(np.abs(s.u)), diameter * np.median(np.abs(s.lambda_))) for s in samples]
     return float(np.max(np.nan_to_num(sizes, posinf=0.0)))
 
 
@@ -127,6 +118,7 @@ def _check_contact(case: ExactSolution, sample: _SideSample, size: float) -> Non
     scale_gap = max(size, np.max(np.abs(gap)))
     flux_floor = scale_gap / case.polygon.diameter
     scale_flux = max(flux_floor, np.max(np.abs(flux)))
+    # beside a singularity all other values would count as 0
     typical = max(flux_floor, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else flux_floor
     empty = (flux <= CASE_ZERO_TOLERANCE * typical) & (gap <= CASE_ZERO_TOLERANCE * scale_gap)
     # Two neighbours of the uniform grid, not of the points that come close to a singular one
@@ -198,11 +190,21 @@ def _describe_case_point(case: ExactSolution, side: int, t: float) -> str:
     return f"case '{case.name}' on '{case.polygon.name}' at ({x:.6g}, {y:.6g}), side {side}, t = {t:.6g}"
 
 
-def _check_hypotheses(case: ExactSolution, hypotheses: dict[str, bool]) -> None:
+def _derive_hypotheses(case: ExactSolution) -> dict[str, bool]:
+    """Which hypotheses of Theorem 4.1 hold, by name. Raises InputError where the case declares others."""
+    # (j) u in H^2; (jj) u and g = u - gap Lipschitz on sides; (jjj) finitely many transitions
+    regularities = [atom.regularity for atom in case.atoms]
+    lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
+    hypotheses = {
+        "j": all(regularity.in_H2 for regularity in regularities),
+        "jj": all(regularity.lipschitz for regularity in regularities) and lipschitz_gap,
+        "jjj": all(regularity.finite for regularity in regularities),
+    }
     for name, value in hypotheses.items():
         if case.declaration["hypotheses"][name] != value:
             found_out = f"({name}) {'holds' if value else 'does not hold'}, declared otherwise"
             raise InputError(f"case '{case.name}', field hypotheses.{name}: {found_out}")
+    return hypotheses
 
 
 def set_free_sides(case: Problem, sides: Sequence[int]) -> Problem:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
@@ -42,38 +42,39 @@ def check_data(problem: Problem, name: str) -> None:
     A g that jumps at a vertex is the trace of no u in H^1.
     """
     check_radicands(problem, name)
+    _check_data_sizes(problem, name)
     obstacle = problem.enclosed_obstacle
-    # Energies are k |g|^2 and |f|^2 / k, |q|^2 / k: their squares have to be normal numbers
-    root = math.sqrt(as_float(problem.k))
-    value_limits = data_limits(problem.polygon, root)
-    flux_limits = data_limits(problem.polygon, 1 / root)
-    f_size = max(map(abs, problem.range_of_f))
-    _check_data_size(
-        f_size,
-        flux_limits,
-        problem,
-        f"{name}, field f",
-        "in the polygon",
-        lambda: _may_have_no_source(problem),
-    )
-    obstacle_sides = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
-    sizes = {side: max(map(abs, obstacle.range(side))) for side in obstacle_sides}
-    largest = max(sizes.values(), default=0.0)
-    for side, size in sizes.items():
-        where = _boundary_field(problem, name, side)
-        place = f"on side {side}"
-        # only the largest g is to be above the least size
-        is_0 = partial(_may_vanish_on_side, problem, side, problem.g[side])
-        _check_data_size(size, value_limits, problem, where, place, is_0 if size == largest else lambda: True)
-    for side in problem.flux_sides:
-        q_size = max(map(abs, problem.enclosed_flux.range(side)))
-        is_0 = partial(_may_vanish_on_side, problem, side, problem.q[side])
-        _check_data_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {side}", is_0)
-    # Both values are known up to their remainders, and users round
+    # Both values at a vertex are known up to their remainders, and users round
     for vertex in constrained_vertices(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_remainders[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
         _check_fit_at_vertex(problem, name, vertex, end, start, allowed)
+
+
+def _check_data_sizes(problem: Problem, name: str) -> None:
+    """Raises InputError unless |f|, |g| and |q| are finite, and neither too large nor too small to square."""
+    # Energies are k |g|^2 and |f|^2 / k, |q|^2 / k: their squares have to be normal numbers
+    root = math.sqrt(as_float(problem.k))
+    value_limits = data_limits(problem.polygon, root)
+    flux_limits = data_limits(problem.polygon, 1 / root)
+    may_vanish = partial(_may_vanish_on_side, problem)
+    f_size = max(map(abs, problem.range_of_f))
+    where = f"{name}, field f"
+    _check_size(f_size, flux_limits, problem, where, "in the polygon", partial(_may_have_no_source, problem))
+
+    obstacle_sides = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
+    sizes = {side: max(map(abs, problem.enclosed_obstacle.range(side))) for side in obstacle_sides}
+    largest = max(sizes.values(), default=0.0)
+    for side, size in sizes.items():
+        where = _boundary_field(problem, name, side)
+        # only the largest g is to be above the least size
+        is_0 = partial(may_vanish, side, problem.g[side]) if size == largest else lambda: True
+        _check_size(size, value_limits, problem, where, f"on side {side}", is_0)
+
+    for side in problem.flux_sides:
+        q_size = max(map(abs, problem.enclosed_flux.range(side)))
+        is_0 = partial(may_vanish, side, problem.q[side])
+        _check_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {side}", is_0)
 
 
 def check_radicands(problem: Problem, name: str) -> None:
@@ -92,17 +93,15 @@ def check_radicands(problem: Problem, name: str) -> None:
         data = problem.q if free else problem.g
         for root in _data_roots(data[side]) if data else ():
             if not np.isfinite(range_on_side(problem.polygon, root, side)).all():
+                # no hint for g and u: they have to be Lipschitz, and pos(a, 1/2) is not
                 read = partial(read_formula, field=field) if free else None
                 raise InputError(f"{name}, field {field}: {_explain_root(root, f'on side {side}', read)}")
 
 
 def _data_roots(data: object) -> list[Expression]:
     """The powers in a formula whose exponents are no whole numbers, as expressions; none of other data."""
-    return (
-        [multiply_powers(1, [power]) for power in find_fractional_powers(data)]
-        if isinstance(data, Expression)
-        else []
-    )
+    powers = find_fractional_powers(data) if isinstance(data, Expression) else []
+    return [multiply_powers(1, [power]) for power in powers]
 
 
 def _explain_root(root: Expression, place: str, read: Callable[..., object] | None) -> str:
@@ -140,16 +139,27 @@ def _check_fit_at_vertex(
     """
     before = (vertex - 1) % problem.polygon.n_sides
     clamped = problem.clamped_sides
-    if (before in clamped) == (vertex in clamped):
-        if abs(value_after - value_before) > allowed:
-            text_before, text_after = _distinct_texts(value_before, value_after)
-            jump = f"from {text_before} on side {before} to {text_after} on side {vertex}"
-            where = _boundary_field(problem, name, vertex)
-            raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
-        return
-    last = (before, value_before)
-    first = (vertex, value_after)
-    (u_side, u), (g_side, g) = (last, first) if before in clamped else (first, last)
+    if (before in clamped) != (vertex in clamped):
+        values = {before: value_before, vertex: value_after}
+        _check_above_obstacle(problem, name, vertex, values, allowed)
+    elif abs(value_after - value_before) > allowed:
+        text_before, text_after = _distinct_texts(value_before, value_after)
+        jump = f"from {text_before} on side {before} to {text_after} on side {vertex}"
+        where = _boundary_field(problem, name, vertex)
+        raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
+
+
+def _check_above_obstacle(
+    problem: Problem, name: str, vertex: int, values: Mapping[int, float], allowed: float
+) -> None:
+    """Raises InputError if the u of a clamped side is below the g of the other one at their common vertex.
+
+    `values` has both numbers by the sides' numbers; u may be too small by `allowed`.
+    """
+    (u_side,) = values.keys() & {*problem.clamped_sides}
+    (g_side,) = values.keys() - {u_side}
+    u = values[u_side]
+    g = values[g_side]
     if u < g - allowed:
         x, y = problem.polygon.vertices[vertex]
         below, above = _distinct_texts(u, g)
@@ -188,7 +198,7 @@ def data_limits(polygon: Polygon, factor: float) -> tuple[float, float]:
     return smallest, largest
 
 
-def _check_data_size(
+def _check_size(
     size: float,
     allowed: tuple[float, float],
     problem: Problem,
@@ -198,8 +208,8 @@ def _check_data_size(
 ) -> None:
     """Raises InputError if the size of |f|, |g| or |q| is above what is allowed, or below it and not 0.
 
-    A root of what interval arithmetic makes of 0 is not much smaller than MIN_DATA_SIZE: whether it is 0 its
-    size does not say.
+    `where` names the field, and `place` says in words where in the polygon. A root of what interval
+    arithmetic makes of 0 is not much smaller than MIN_DATA_SIZE, so `is_0` tells whether the data may be 0.
     """
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")

@@ -25,19 +25,16 @@ def problem_fields(problem: Problem) -> dict[str, str]:
     if problem.exact:
         return {"polygon": repr(problem.polygon), "free sides": join_sides(problem.free_sides)}
     clamped = problem.clamped_sides
-    n = problem.polygon.n_sides
-    contact_sides = [side for side in range(n) if side not in problem.free_sides and side not in clamped]
     fields = {"polygon": f"{problem.polygon.n_sides} sides, area {problem.polygon.area:.4g}"}
     fields["f"] = _data_text(problem.f)
-    fields |= {"g": _side_data_text(problem.g, contact_sides)} if contact_sides else {}
+    if problem.contact_sides:
+        fields["g"] = _side_data_text(problem.g, problem.contact_sides)
     if clamped:
         fields["clamped sides"] = join_sides(clamped)
         fields["u there"] = _side_data_text(problem.g, clamped)
-    fields |= {
-        name: str(coefficient)
-        for name, coefficient in (("k", problem.k), ("c", problem.c))
-        if coefficient != ONE
-    }
+    for name, coefficient in (("k", problem.k), ("c", problem.c)):
+        if coefficient != ONE:
+            fields[name] = str(coefficient)
     if problem.free_sides:
         fields["free sides"] = join_sides(problem.free_sides)
         q = _side_data_text(problem.q, problem.free_sides) if problem.q else "0"

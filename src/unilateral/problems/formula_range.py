@@ -40,10 +40,11 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
     v = polygon.vertices
     boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
     value = compile_numpy([formula], "xy")
-    bounds = (np.inf, -np.inf)
+    lowest = np.inf
+    highest = -np.inf
     met = (np.inf, -np.inf)
     # The true range contains `met`, the values at centres of boxes inside. Boxes whose bounds are close to it
-    # are done, and count in `bounds`; the others are quartered
+    # are done, and count in `lowest`, `highest`; others are quartered
     for _ in range(MAX_BOX_QUARTERINGS):
         meets, inside = _locate_boxes(polygon, boxes)
         with np.errstate(all="ignore"):
@@ -51,26 +52,24 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
         met = float(np.fmin.reduce(values, initial=met[0])), float(np.fmax.reduce(values, initial=met[1]))
         boxes = boxes[meets]
         lower, upper = _range_on_boxes(formula, boxes)
-        if formula.rational is not None:
+        if formula.rational is not None:  # a constant is the same on all boxes
             return float(lower[0]), float(upper[0])
-        slack = (
-            RANGE_TOLERANCE_PER_SPREAD * (met[1] - met[0]) + RANGE_TOLERANCE_PER_SIZE * np.abs(met).max()
-            if met[0] <= met[1]
-            else 0.0
-        )
+        slack = 0.0
+        if met[0] <= met[1]:  # a value is met
+            slack = RANGE_TOLERANCE_PER_SPREAD * (met[1] - met[0])
+            slack += RANGE_TOLERANCE_PER_SIZE * np.abs(met).max()
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
         # Where infinite values are met, or boxes become too many, all bounds count as they are
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MAX_BOXES:
             wide[:] = False
-        bounds = (
-            min(bounds[0], lower[~wide].min(initial=np.inf)),
-            max(bounds[1], upper[~wide].max(initial=-np.inf)),
-        )
+        lowest = min(lowest, lower[~wide].min(initial=np.inf))
+        highest = max(highest, upper[~wide].max(initial=-np.inf))
         boxes = _quarter_boxes(boxes[wide])
         if len(boxes) == 0:
             break
+    # Boxes that are left after so many quarterings count as they are, too
     lower, upper = _range_on_boxes(formula, boxes)
-    return float(min(bounds[0], lower.min(initial=np.inf))), float(max(bounds[1], upper.max(initial=-np.inf)))
+    return float(min(lowest, lower.min(initial=np.inf))), float(max(highest, upper.max(initial=-np.inf)))
 
 
 def may_be_0(formula: Expression, points: Array) -> bool:

@@ -181,9 +181,9 @@ def enclose_obstacle(
     pieces = enclose_in_pieces(polygon, model, free, u_lower_bound, breakpoints)
     # p(1) of a piece is taken linearly to p(-1) of the next: + gap (1 + sigma) / 2, at most |gap|
     side, _, _, c, rad, lower, upper = pieces
-    gap = np.append((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
+    gap = np.append(_jumps_of_polynomials(c), 0.0)
     gap[np.append(side[1:] != side[:-1], True)] = 0.0
-    c[:2] += 0.5 * gap
+    c[:2] += 0.5 * gap  # in `pieces`, too: rounding and slopes are those of the changed polynomials
     points = pieces.arc_lengths(polygon)
     rounding = pieces.rounding_errors(points)
     # A rounded place may lie on the neighbour of its piece
@@ -205,6 +205,11 @@ def enclose_obstacle(
     )
 
 
+def _jumps_of_polynomials(c: Array) -> Array:
+    """p_(i + 1)(-1) - p_i(1), (k - 1,): from the end of each polynomial c[:, i] to the start of the next."""
+    return np.asarray((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1])
+
+
 def _enclose_at_vertices(
     polygon: Polygon, model: SideModel, free: Sequence[int], side: Index, c: Array, remainder: Array
 ) -> tuple[Array, Array]:
@@ -221,11 +226,7 @@ def _enclose_at_vertices(
     for row, t in ((0, 1.0), (1, 0.0)) if constrained_sides.size else ():
         place = np.full(len(constrained_sides), t)
         exact = enclose_on_intervals(model, constrained_sides, place, place)
-        piece = (
-            np.searchsorted(side, constrained_sides, side="right") - 1
-            if t
-            else np.searchsorted(side, constrained_sides)
-        )
+        piece = np.searchsorted(side, constrained_sides, side="right" if t else "left") - int(t)
         value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
         finite = np.isfinite(exact.rad)
         vertex = (constrained_sides + int(t)) % n
@@ -258,11 +259,11 @@ def _slope_remainders(
     shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
     rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
     # |u' - p'| <= sum of |differences of coefficients| + the remainder of u' + rounding, of places, too
-    steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
+    remainder = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
     # Near an end u' may be that of the next piece: the jump of p' there, and what both are off
-    jumps = np.abs((POWERS_AT_MINUS_ONE @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
+    jumps = np.abs(_jumps_of_polynomials(rises)) + remainder[1:] + remainder[:-1]
     jumps[np.diff(pieces.side[rows]) != 0] = 0.0
-    remainders[:, rows] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
+    remainders[:, rows] = remainder, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
     return remainders
 
 
@@ -300,25 +301,23 @@ def enclose_given_flux(
     other_sides = np.setdiff1d(np.arange(polygon.n_sides), flux_sides).tolist()
     unit = float(np.spacing(polygon.perimeter))
     shortest = np.maximum(MIN_PIECE_PER_SIDE, MIN_FLUX_CUT_ULPS * unit / polygon.lengths)
-    first = [*(SingularPoint(i, FIRST_CUT, 1) for i in flux_sides), *breakpoints]
-    pieces = enclose_in_pieces(polygon, model, other_sides, breakpoints=first, min_length=shortest)
+    cuts = [*(SingularPoint(i, FIRST_CUT, 1) for i in flux_sides), *breakpoints]
+    pieces = enclose_in_pieces(polygon, model, other_sides, breakpoints=cuts, min_length=shortest)
     points = pieces.arc_lengths(polygon)
     remainder = pieces.rad + pieces.rounding_errors(points)
-    side, _, _, c, _, lower, upper = pieces
     # Where two pieces meet q may have either value: |p_(i + 1)(-1) - p_i(1)|, and the remainders of both
-    ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + remainder[1:] + remainder[:-1]
-    inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
-    is_given = np.isin(side, flux_sides)
-    jumps = np.concatenate([[0.0], inner, [0.0]])
+    jumps = np.zeros(len(points))
+    jumps[1:-1] = np.abs(_jumps_of_polynomials(pieces.c)) + remainder[1:] + remainder[:-1]
+    jumps[1:-1][np.diff(pieces.side) != 0] = 0.0  # the place of a vertex is exact
     return GivenFlux(
         polygon=polygon,
         points=points,
-        side=side,
-        c=c,
+        side=pieces.side,
+        c=pieces.c,
         remainder=remainder,
-        lower=lower,
-        upper=upper,
-        is_given=is_given,
+        lower=pieces.lower,
+        upper=pieces.upper,
+        is_given=np.isin(pieces.side, flux_sides),
         jumps=jumps,
         reach=ARC_LENGTH_ERROR_ULPS * unit,
     )

@@ -155,14 +155,13 @@ def enclose_in_pieces(
     # sides without a function are one empty piece each
     done = [_empty_pieces(np.array(excluded_sides, dtype=np.intp))]
     budget = MAX_SIDE_PIECES
-    limit = np.broadcast_to(min_length, polygon.n_sides)
+    shortest = np.broadcast_to(min_length, polygon.n_sides)
     while len(side):
         current = enclose_on_intervals(model, side, start, end)
         budget = budget - len(side)
         # spreads need all pieces of a side; the first len(side) are those of this round
-        wide = _is_too_wide(_join_pieces([current, *done]), relevant_above)[: len(side)] & (
-            end - start > limit[side]
-        )
+        wide = _is_too_wide(_join_pieces([current, *done]), relevant_above)[: len(side)]
+        wide &= end - start > shortest[side]
         if wide.any():
             wide[wide] = ~_is_cut_in_vain(model, current.select(wide))
         # out of budget: the pieces stay as they are, with larger remainders
@@ -188,6 +187,7 @@ def _first_intervals(
     )
     side = np.array([i for i, _ in ends], dtype=np.intp)
     t = np.array([t for _, t in ends])
+    # neighbours in this order are the ends of an interval, if they are on one side
     within = side[1:] == side[:-1]
     return side[:-1][within], t[:-1][within], t[1:][within]
 
@@ -205,10 +205,9 @@ def enclose_on_intervals(model: SideModel, side: Index, start: Array, end: Array
     for block in row_blocks(len(side), PIECES_PER_BLOCK):
         a = start[block]
         b = end[block]
-        values = model(
-            side[block],
-            affine_model(monomial_basis(1, PIECE_DEGREE), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)),
-        )
+        # t = (a + b)/2 + (b - a)/2 sigma
+        t = affine_model(monomial_basis(1, PIECE_DEGREE), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
+        values = model(side[block], t)
         blocks.append(IntervalPieces(side[block], a, b, values.c, values.rad, *values.range))
     return _join_pieces(blocks)
 

@@ -271,6 +271,23 @@ def make_corner_atom(
             f"the angle at vertex {side} of '{polygon.name}' is no fraction of pi with a denominator of at "
             f"most {MAX_DENOMINATOR}, as an atom there needs"
         )
+    beta, theta_0, factor = _corner_function(kind, omega, alpha)
+    is_clamped = kind == "clamped"
+    return PolarAtom(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega, clamped=is_clamped)
+
+
+def _corner_function(
+    kind: str, omega: Fraction, alpha: Fraction | None
+) -> tuple[Fraction, Fraction, Expression]:
+    """beta, theta_0 and C of C rho^beta cos(beta (theta - theta_0)), by kind; angles are in units of pi.
+
+    The kinds, and the errors raised, are those of `make_corner_atom`.
+    """
+    # beta omega = 1 without flux (theta_0 = 0) or trace (theta_0 = omega / 2) on both sides
+    if kind == "free":
+        return 1 / omega, Fraction(0), ONE
+    if kind == "held":
+        return 1 / omega, omega / 2, -ONE
     if kind == "clamped":
         beta = 1 / (2 * omega) if alpha is None else 1 + alpha
         if alpha is not None and ((beta * omega).denominator == 2 or alpha <= -1):
@@ -278,26 +295,13 @@ def make_corner_atom(
                 f"at a clamped side lambda needs alpha > -1, (1 + alpha) omega/pi - 1/2 no integer, not "
                 f"{alpha}"
             )
-        # u = 0 at theta = omega: beta (omega - theta_0) = 1/2 pi
+        # u = 0 at theta = omega: beta (omega - theta_0) = 1/2. Without alpha this makes theta_0 = 0: no flux
         theta_0 = omega - 1 / (2 * beta)
-        factor = ONE if alpha is None else 1 / (beta * apply_function("cos", beta * omega * PI))
-        return PolarAtom(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega, clamped=True)
-    # beta omega = pi without flux (theta_0 = 0) or trace (theta_0 = omega / 2) on both sides
-    if kind == "free":
-        beta = 1 / omega
-        theta_0 = Fraction(0)
-        factor = ONE
-    elif kind == "held":
-        beta = 1 / omega
-        theta_0 = omega / 2
-        factor = -ONE
-    elif alpha is None or ((1 + alpha) * omega).denominator == 1 or alpha <= -1:
+        return beta, theta_0, ONE if alpha is None else 1 / (beta * apply_function("cos", beta * omega * PI))
+    if alpha is None or ((1 + alpha) * omega).denominator == 1 or alpha <= -1:
         raise InputError(
             f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
         )
-    else:
-        # no flux at theta = omega; lambda = -(du/dtheta)/r = rho^alpha at theta = 0
-        beta = 1 + alpha
-        theta_0 = omega
-        factor = -1 / (beta * apply_function("sin", beta * omega * PI))
-    return PolarAtom(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega)
+    # no flux at theta = omega = theta_0; lambda = -(du/dtheta)/r = rho^alpha at theta = 0
+    beta = 1 + alpha
+    return beta, omega, -1 / (beta * apply_function("sin", beta * omega * PI))

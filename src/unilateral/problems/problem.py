@@ -111,6 +111,7 @@ class Problem:
         if isinstance(self.f, np.ndarray):
             return self.f
         f = as_formula(self.f)
+        # pos(a, 0) is a step: 1 where a > 0, else 0; it jumps where a is 0
         steps = [power for power in find_functions(f, "pos") if power.args[1].rational == 0]
         return SourceFunction(
             model=lambda x, y, steps: enclose_formula(f, {"x": x, "y": y}, steps),
@@ -121,6 +122,7 @@ class Problem:
         """g, or the given u, on intervals of the sides (k,), t the arc length in side lengths."""
         if self.exact is None:
             return self._side_data_model(self.g, side, t)
+        # of a case: g = u - gap, but on clamped sides the u that is declared, a formula
         is_clamped = np.isin(side, self.clamped_sides)
         contact = np.flatnonzero(~is_clamped)
         clamped = np.flatnonzero(is_clamped)
@@ -201,7 +203,7 @@ class Problem:
         """
         if self.enclosed_flux.lower_bound < 0:
             return -math.inf
-        if self.c == ZERO:
+        if self.c == ZERO:  # -0.0 is 0
             return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
         if self.c == ONE:
             return self.range_of_f[0]

@@ -126,7 +126,5 @@ def _read_clamped_field(entries: dict[str, Any], where: str) -> list[tuple[Any, 
             raise InputError(
                 f"{where}, field u: {blank}; write {{{quote_input(': '.join(joined.groups()))}}}"
             )
-    return [
-        (int(key) if declarations.INTEGER_PATTERN.match(key) else key, value)
-        for key, value in entries.items()
-    ]
+    is_number = declarations.INTEGER_PATTERN.match
+    return [(int(key) if is_number(key) else key, value) for key, value in entries.items()]

@@ -73,9 +73,8 @@ def read_sides(
         )
     if isinstance(field_data, Sequence) and not isinstance(field_data, str | bytes):
         if len(field_data) != n:
-            raise InputError(
-                f"{where}: {len(field_data)} formulas for {n} sides; give one for all, or one per side"
-            )
+            fault = f"{len(field_data)} formulas for {n} sides"
+            raise InputError(f"{where}: {fault}; give one for all, or one per side")
         places = [f"{where}[{side}]" for side in range(n)]
         data = [read_data(field, *entry) for entry in zip(field_data, places, strict=True)]
         for side in range(n):
@@ -86,12 +85,10 @@ def read_sides(
         # q = 0, also where it is left out, needs no free side
         if field == "q" and not free and not (isinstance(data[0], Expression) and data[0].rational == 0):
             raise InputError(f"{where}: no side is free; name the sides with a given flux in free_sides")
-    return [
-        fit_to_side(field, data[side], side, ends[side], mesh, places[side])
-        if side in sides_with_data
-        else ZERO
-        for side in range(n)
-    ]
+    fitted: list[SideData | Function] = [ZERO] * n
+    for side in sorted(sides_with_data):
+        fitted[side] = fit_to_side(field, data[side], side, ends[side], mesh, places[side])
+    return fitted
 
 
 def read_data(field: str, data: object, where: str) -> Expression | Array | Function:

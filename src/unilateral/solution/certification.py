@@ -40,9 +40,8 @@ def certify_nodal_values(
     """
     problem = put_on_mesh(problem, mesh)
     values = read_nodal_values(u, "u")
-    _check_finite_values(
-        values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)"
-    )
+    place = "node (of a second-order function: each corner of a triangle)"
+    _check_finite_values(values, mesh.n_nodes, "u", place)
     if multiplier is None:
         # the bounds hold for any lambda_H >= 0; two edges a cell keep its error small (Theorem 5)
         discrete_solution = solve_on_mesh(problem, mesh, pair_boundary_edges(mesh), Stop())

@@ -81,6 +81,7 @@ def compute_forces(solution: Solution, sharp: bool) -> Forces:
     clamped = solution.problem.clamped_sides
     n = solution.polygon.n_sides
     rows = group_adjacent_sides(n, clamped)
+    # over a clamped side alone nothing is known, so its group is empty; on free sides lambda is 0
     single_sides = [[side] if side not in clamped else [] for side in range(n)]
     with_contact = [side for side in range(n) if side not in clamped]
     contact_force, total, *group_forces = _bound_forces(

@@ -59,12 +59,8 @@ def render_solution_page(solution: Solution) -> str:
 
     plot_data = collect_plot_data(solution)
     template = resources.files("unilateral.solution") / "interactive.template.html"
-    sentences = [
-        plot_data.accuracy_text,
-        describe_force(solution, plot_data),
-        plot_data.contact_text,
-        _explain_coarse_surface(plot_data),
-    ]
+    sentences = [plot_data.accuracy_text, describe_force(solution, plot_data), plot_data.contact_text]
+    sentences.append(_explain_coarse_surface(plot_data))
     return Template(template.read_text(encoding="utf-8")).substitute(
         title=escape(plot_data.title),
         sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
@@ -126,34 +122,19 @@ def draw_surface(plot_data: PlotData) -> Figure:
     (x, y) = plot_data.mesh.points[nodes].T
     u = plot_data.u[nodes]
     (i, j, k) = triangles.T.astype(np.int32)
-    look: Any = {
-        "cmin": plot_data.colour_limits[0],
-        "cmax": plot_data.colour_limits[1],
-        "colorscale": "Viridis",
-        "colorbar": PAGE_COLOUR_BAR,
-    }
-    look |= {
-        "lighting": {"ambient": 0.8, "specular": 0.1},
-        "hovertemplate": HOVER_TEMPLATE.format("u<sub>h</sub>"),
-    }
-    mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **look)
-    contact = _draw_space_line(_contact_curve(plot_data), PAGE_CONTACT_COLOUR, 9, "contact")
-    obstacle = _draw_space_line(
-        _obstacle_steps(plot_data), PAGE_OBSTACLE_COLOUR, 4, "obstacle g, mean over each cell without contact"
-    )
-    clamped = (
-        [_draw_space_line(_clamped_strokes(plot_data), PAGE_CLAMPED_COLOUR, 5, "clamped")]
-        if plot_data.clamped_sides
-        else []
-    )
-    margin = {"l": 0, "r": 0, "t": 0, "b": 50}
-    layout = {
-        "template": "none",
-        "margin": margin,
-        "legend": PAGE_LEGEND_LAYOUT,
-        "scene": _lay_out_scene(plot_data),
-    }
-    return go.Figure([mesh, contact, obstacle, *clamped, _draw_side_numbers(plot_data)], layout)
+    u_min, u_max = plot_data.colour_limits
+    look: Any = {"cmin": u_min, "cmax": u_max, "colorscale": "Viridis", "colorbar": PAGE_COLOUR_BAR}
+    look["lighting"] = {"ambient": 0.8, "specular": 0.1}
+    look["hovertemplate"] = HOVER_TEMPLATE.format("u<sub>h</sub>")
+    drawn = [go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **look)]
+    drawn.append(_draw_space_line(_contact_curve(plot_data), PAGE_CONTACT_COLOUR, 9, "contact"))
+    name = "obstacle g, mean over each cell without contact"
+    drawn.append(_draw_space_line(_obstacle_steps(plot_data), PAGE_OBSTACLE_COLOUR, 4, name))
+    if plot_data.clamped_sides:
+        drawn.append(_draw_space_line(_clamped_strokes(plot_data), PAGE_CLAMPED_COLOUR, 5, "clamped"))
+    drawn.append(_draw_side_numbers(plot_data))
+    layout = {"template": "none", "margin": {"l": 0, "r": 0, "t": 0, "b": 50}, "legend": PAGE_LEGEND_LAYOUT}
+    return go.Figure(drawn, layout | {"scene": _lay_out_scene(plot_data)})
 
 
 def _lay_out_scene(plot_data: PlotData) -> dict[str, Any]:
@@ -210,10 +191,8 @@ def _contact_curve(plot_data: PlotData) -> Array:
         start, end = plot_data.mesh.polygon.starts[interval.side] + np.array([interval.start, interval.end])
         # u_h bends at the nodes between
         inner = plot_data.mesh.s[(plot_data.mesh.s > start) & (plot_data.mesh.s < end)]
-        curves += [
-            _boundary_curve(plot_data, interval.side, np.concatenate([[start], inner, [end]])),
-            np.full((1, 3), np.nan),
-        ]
+        curve = _boundary_curve(plot_data, interval.side, np.concatenate([[start], inner, [end]]))
+        curves += [curve, np.full((1, 3), np.nan)]
     return np.concatenate(curves)
 
 
@@ -253,11 +232,6 @@ def draw_boundary_graphs(plot_data: PlotData) -> Figure:
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    partition = plot_data.contact.partition
-    polygon = plot_data.mesh.polygon
-    # values on cells are steps, between both ends of each
-    s = np.repeat(partition.points, 2)[1:-1]
-    sides = np.repeat(partition.side, 2)
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06)
     lines = [
         (plot_data.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": PAGE_CONTACT_COLOUR}, "tozeroy"),
@@ -266,14 +240,30 @@ def draw_boundary_graphs(plot_data: PlotData) -> Figure:
     if plot_data.given_flux.any():
         given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
         lines.append((given_flux, 1, "given flux q", {"color": PAGE_FREE_COLOUR, "dash": "dash"}, None))
+    # values on cells are steps, between both ends of each
+    partition = plot_data.contact.partition
+    s = np.repeat(partition.points, 2)[1:-1]
+    sides = np.repeat(partition.side, 2)
     for values, row, name, look, fill in lines:
         hover = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
         line_style: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": hover}
         line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **line_style)
         figure.add_trace(line, row=row, col=1)
+    _mark_sides(figure, plot_data)
+    figure.update_xaxes(range=[0, plot_data.mesh.polygon.perimeter], zeroline=False)
+    figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
+    figure.update_yaxes(automargin=True, rangemode="tozero")
+    margin = {"l": 50, "r": 10, "t": 10, "b": 45}
+    figure.update_layout(template="none", margin=margin, legend=PAGE_LEGEND_LAYOUT)
+    return figure
+
+
+def _mark_sides(figure: Figure, plot_data: PlotData) -> None:
+    """Marks vertices by lines, sides without contact by grey bands, and sides by their numbers."""
+    polygon = plot_data.mesh.polygon
     for start in polygon.starts:
         figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")
-    for side in np.unique(partition.side[plot_data.no_contact]):
+    for side in np.unique(plot_data.contact.partition.side[plot_data.no_contact]):
         annotation: Any = {}
         if side in plot_data.clamped_sides:
             annotation = {"annotation_text": "clamped", "annotation_textangle": -90}
@@ -282,10 +272,3 @@ def draw_boundary_graphs(plot_data: PlotData) -> Figure:
         middle = polygon.starts[side] + polygon.lengths[side] / 2
         text = str(side) if side else "side 0"
         figure.add_annotation(x=middle, y=1, yref="y domain", yanchor="top", text=text, showarrow=False)
-    figure.update_xaxes(range=[0, polygon.perimeter], zeroline=False)
-    figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
-    figure.update_yaxes(automargin=True, rangemode="tozero")
-    figure.update_layout(
-        template="none", margin={"l": 50, "r": 10, "t": 10, "b": 45}, legend=PAGE_LEGEND_LAYOUT
-    )
-    return figure

@@ -63,10 +63,7 @@ class Matrices:
         return self.D / root[:, None] / root
 
 
-def assemble_matrices(
-    discrete: DiscreteProblem,
-    make_operator: Callable[[], DualOperator],
-) -> Matrices:
+def assemble_matrices(discrete: DiscreteProblem, make_operator: Callable[[], DualOperator]) -> Matrices:
     """Matrices, load and means of g of a discrete problem."""
     mesh = discrete.mesh
     partition = discrete.partition

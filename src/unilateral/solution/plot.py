@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator
 
@@ -56,7 +57,27 @@ SVG_STYLE: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
 
 def draw_solution(plot_data: PlotData) -> Figure:
     """u_h with the contact set, beside it the mesh if it is adapted, and both along the boundary."""
-    # panels with the domain, beside each other or stacked, above two panels along the boundary
+    with mpl.rc_context(PLOT_STYLE):
+        page, grid = _lay_out_page(plot_data)
+        draw_domain(page.add_subplot(grid[0, 0]), plot_data)
+        if plot_data.mesh.is_adapted:
+            mesh_axes = page.add_subplot(grid[-3, -1])  # the last panel above the boundary's
+            draw_mesh(mesh_axes, plot_data)
+            mesh_axes.tick_params(labelleft=grid.ncols == 1)
+        multiplier_axes = page.add_subplot(grid[-2, :])
+        gap_axes = page.add_subplot(grid[-1, :], sharex=multiplier_axes)
+        _draw_boundary_panels(multiplier_axes, gap_axes, plot_data)
+        letters = int(TITLE_LETTERS_PER_INCH * page.get_figwidth())
+        lines = [*wrap_evenly(plot_data.title, letters), *wrap_evenly(plot_data.accuracy_text, letters)]
+        page.suptitle("\n".join(lines), parse_math=False)  # for the title is the user's
+    return page
+
+
+def _lay_out_page(plot_data: PlotData) -> tuple[Figure, GridSpec]:
+    """An empty page and its grid: panels with the domain, beside each other or stacked, above two rows.
+
+    Those two rows are for values along the boundary.
+    """
     width, height = np.ptp(plot_data.mesh.points, axis=0)
     aspect = float(np.clip(height / width, MIN_HEIGHT_OVER_WIDTH, MAX_HEIGHT_OVER_WIDTH))
     panels = 2 if plot_data.mesh.is_adapted else 1
@@ -65,26 +86,10 @@ def draw_solution(plot_data: PlotData) -> Figure:
     page_width = TWO_PANEL_INCHES if columns > 1 else ONE_PANEL_INCHES
     panel_height = (page_width / columns - 1) * aspect + 0.6  # less labels and the colour bar, and a title
     page_height = rows * panel_height + 2 * BOUNDARY_PANEL_INCHES
+    layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - COLOUR_BAR_INCHES / page_width, 1))
+    page = Figure(figsize=(page_width, page_height), layout=layout, dpi=DOTS_PER_INCH)
     height_ratios = [panel_height] * rows + [BOUNDARY_PANEL_INCHES] * 2
-    with mpl.rc_context(PLOT_STYLE):
-        layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - COLOUR_BAR_INCHES / page_width, 1))
-        page = Figure(figsize=(page_width, page_height), layout=layout, dpi=DOTS_PER_INCH)
-        grid = page.add_gridspec(rows + 2, columns, height_ratios=height_ratios)
-        draw_domain(page.add_subplot(grid[0, 0]), plot_data)
-        if panels > 1:
-            mesh_axes = page.add_subplot(grid[rows - 1, columns - 1])
-            draw_mesh(mesh_axes, plot_data)
-            mesh_axes.tick_params(labelleft=columns == 1)
-        multiplier_axes = page.add_subplot(grid[-2, :])
-        gap_axes = page.add_subplot(grid[-1, :], sharex=multiplier_axes)
-        _draw_boundary_panels(multiplier_axes, gap_axes, plot_data)
-        lines = [
-            line
-            for text in (plot_data.title, plot_data.accuracy_text)
-            for line in wrap_evenly(text, int(TITLE_LETTERS_PER_INCH * page_width))
-        ]
-        page.suptitle("\n".join(lines), parse_math=False)  # for the title is the user's
-    return page
+    return page, page.add_gridspec(rows + 2, columns, height_ratios=height_ratios)
 
 
 def draw_on_axes(ax: object, plot_data: PlotData) -> Axes:
@@ -104,10 +109,8 @@ def _draw_boundary_panels(multiplier_axes: Axes, gap_axes: Axes, plot_data: Plot
     multiplier_axes.stairs(plot_data.contact.lambda_H, s, color=CONTACT_COLOUR, fill=True, alpha=0.3)
     multiplier_axes.stairs(plot_data.contact.lambda_H, s, color=CONTACT_COLOUR)
     gap_axes.stairs(plot_data.gap, s, baseline=0, color=GAP_COLOUR)
-    _set_value_ticks(
-        multiplier_axes,
-        "" if plot_data.contact.intervals or plot_data.given_flux.any() else plot_data.contact_text,
-    )
+    has_values = bool(plot_data.contact.intervals) or plot_data.given_flux.any()
+    _set_value_ticks(multiplier_axes, "" if has_values else plot_data.contact_text)
     _set_value_ticks(gap_axes, plot_data.no_gap_text)
     for axes in (multiplier_axes, gap_axes):
         for start in polygon.starts:
@@ -148,9 +151,8 @@ def _mark_sides_without_contact(multiplier_axes: Axes, gap_axes: Axes, plot_data
             gap_axes.text((start + end) / 2, 0.25, "free", color=FREE_COLOUR, **alignment)
     if plot_data.given_flux.any():
         given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
-        multiplier_axes.stairs(
-            given_flux, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
-        )
+        dashes: Any = {"color": FREE_COLOUR, "linestyle": "dashed", "label": "given flux q"}
+        multiplier_axes.stairs(given_flux, s, baseline=None, **dashes)
         multiplier_axes.legend(fontsize="small", frameon=False)
 
 

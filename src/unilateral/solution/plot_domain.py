@@ -47,21 +47,12 @@ def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) ->
     The colour bar is beside the axes, or takes a part of them if `is_bar_inside`.
     """
     field = _shade_nodal_values(axes, plot_data, plot_data.u, Normalize(*plot_data.colour_limits))
-    lines = {"linewidths": 0.5, "linestyles": "solid"}
     if plot_data.has_variation:
-        axes.tricontour(
-            _triangulate_surface(plot_data),
-            plot_data.u[plot_data.surface[0]],
-            MAX_CONTOUR_LEVELS,
-            colors="w",
-            alpha=0.6,
-            **lines,
-        )
-    bar = (
-        _add_colour_bar_below(axes, field, "$u_h$")
-        if is_bar_inside
-        else _add_colour_bar(axes, field, "$u_h$")
-    )
+        lines: Any = {"colors": "w", "alpha": 0.6, "linewidths": 0.5, "linestyles": "solid"}
+        u = plot_data.u[plot_data.surface[0]]
+        axes.tricontour(_triangulate_surface(plot_data), u, MAX_CONTOUR_LEVELS, **lines)
+    add_bar = _add_colour_bar_below if is_bar_inside else _add_colour_bar
+    bar = add_bar(axes, field, "$u_h$")
     bar.set_ticks(choose_ticks() if plot_data.has_variation else FixedLocator([float(plot_data.u[0])]))
     _draw_outline(axes, plot_data)
     axes.set(xlabel="x", ylabel="y", title=plot_data.contact_text)
@@ -72,19 +63,16 @@ def draw_mesh(axes: Axes, plot_data: PlotData) -> None:
     """Draws the triangles, or where they are many the lengths of their longest edges."""
     n = len(plot_data.mesh.triangles)
     if n <= MAX_OUTLINED_TRIANGLES:
-        triangulation = Triangulation(
-            plot_data.mesh.points[:, 0], plot_data.mesh.points[:, 1], plot_data.mesh.triangles
-        )
-        axes.triplot(
-            triangulation, color="k", linewidth=min(0.5, MESH_LINE_POINTS / np.sqrt(n)), rasterized=True
-        )
+        x, y = plot_data.mesh.points.T
+        triangulation = Triangulation(x, y, plot_data.mesh.triangles)
+        linewidth = min(0.5, MESH_LINE_POINTS / np.sqrt(n))
+        axes.triplot(triangulation, color="k", linewidth=linewidth, rasterized=True)
     else:
         # at each node the geometric mean over its triangles
         nodes = plot_data.mesh.triangles.ravel()
         logs = np.bincount(nodes, np.repeat(np.log(plot_data.mesh.longest_edges), 3)) / np.bincount(nodes)
-        _add_colour_bar(
-            axes, _shade_nodal_values(axes, plot_data, np.exp(logs), LogNorm(), "cividis"), "longest edge"
-        )
+        field = _shade_nodal_values(axes, plot_data, np.exp(logs), LogNorm(), "cividis")
+        _add_colour_bar(axes, field, "longest edge")
     axes.set(xlabel="x", title=f"the mesh: {n:,} triangles".replace(",", " "))
     _fit_axes(axes, plot_data)
 
@@ -128,11 +116,8 @@ def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
     for group, style in ((solid, {"colors": "k"}), (free, {"colors": FREE_COLOUR, "linestyles": "dashed"})):
         axes.add_collection(LineCollection([*sides[group]], linewidths=1.2, zorder=2, **style))
     for side in plot_data.clamped_sides:
-        axes.plot(
-            *sides[side].T,
-            **CLAMPED_SIDE_STYLE,
-            label="clamped" if side == plot_data.clamped_sides[0] else None,
-        )
+        label = "clamped" if side == plot_data.clamped_sides[0] else None  # once in the legend
+        axes.plot(*sides[side].T, **CLAMPED_SIDE_STYLE, label=label)
     if plot_data.clamped_sides:
         axes.legend(
             loc="upper right", bbox_to_anchor=(1.15, 0), fontsize="small", borderaxespad=2, frameon=False

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
     from unilateral.solution.solution import Solution
 
-L2_NORM_FORMULA = "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)"
 MAX_NODES_FOR_BETA = 20_000
 """Up to this many nodes the bound on beta takes less than half a second, and the record has it."""
 
@@ -32,7 +31,7 @@ def describe_norms(problem: Problem) -> dict[str, str]:
     return {
         "h1": f"{v_norm} = {energy_formula}",
         "hm12": f"||mu||_-1/2 = sup <mu, v> / {v_norm}{vanishing}",
-        "l2": L2_NORM_FORMULA,
+        "l2": "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)",
     }
 
 

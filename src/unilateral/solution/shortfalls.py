@@ -102,9 +102,8 @@ def warn_of_shortfalls(solution: Solution, is_user_mesh: bool = False) -> None:
     if not solution.converged:
         warnings.warn(explain_nonconvergence(solution.solved), SolutionWarning, stacklevel=3)
     if not solution.unique:
-        warnings.warn(
-            f"lambda_H {explain_nonuniqueness(solution.mesh, is_user_mesh)}", SolutionWarning, stacklevel=3
-        )
+        nonuniqueness = f"lambda_H {explain_nonuniqueness(solution.mesh, is_user_mesh)}"
+        warnings.warn(nonuniqueness, SolutionWarning, stacklevel=3)
     if reason := explain_dominant_lift(solution):
         warnings.warn(reason, SolutionWarning, stacklevel=3)
 

@@ -372,8 +372,5 @@ class Solution:
         from unilateral.solution.plot import draw_on_axes, draw_solution
         from unilateral.solution.plot_data import collect_plot_data
 
-        return (
-            draw_solution(collect_plot_data(self))
-            if ax is None
-            else draw_on_axes(ax, collect_plot_data(self))
-        )
+        plot_data = collect_plot_data(self)
+        return draw_solution(plot_data) if ax is None else draw_on_axes(ax, plot_data)

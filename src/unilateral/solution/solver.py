@@ -75,7 +75,7 @@ class Solver:
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.has_data = True
-        self.own_mesh = isinstance(mesh, Mesh) or base_problem.mesh is not None
+        self._is_user_mesh = isinstance(mesh, Mesh) or base_problem.mesh is not None
         self.problem, self.mesh, self.partition = mesh_problem(
             base_problem, read_optional_number("h", h), read_optional_number("H", H), mesh, self.stop
         )
@@ -92,7 +92,7 @@ class Solver:
         # `warn_of_shortfalls` says the same in terms of the solution
         with warnings.catch_warnings(action="ignore", category=IterationWarning):
             solution = Solution(problem, discrete.solve(self.stop))
-        warn_of_shortfalls(solution, self.own_mesh)
+        warn_of_shortfalls(solution, self._is_user_mesh)
         return solution
 
     def matrices(self, f: Given = None, g: GivenOnSides = None, q: GivenOnSides = None) -> Matrices:
@@ -114,11 +114,8 @@ class Solver:
         source = None if formula is None else self._source_enclosures.get(formula)
         discrete = discretise_on_spaces(problem, self._spaces, source)
         if formula is not None and discrete.data:
-            self._source_enclosures = {
-                expression: enclosure
-                for expression, enclosure in self._source_enclosures.items()
-                if expression == self.problem.f
-            }
+            enclosures = self._source_enclosures.items()
+            self._source_enclosures = {f: source for f, source in enclosures if f == self.problem.f}
             self._source_enclosures[formula] = discrete.data.source
         return problem, discrete
 

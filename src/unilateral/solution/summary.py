@@ -40,10 +40,8 @@ def render_summary_text(solution: Solution) -> str:
 
 def render_summary_html(solution: Solution) -> str:
     """The title, the summary as a table, and the picture if matplotlib is there."""
-    table_rows = "".join(
-        f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>"
-        for name, value in collect_summary_rows(solution).items()
-    )
+    rows = collect_summary_rows(solution).items()
+    table_rows = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
     picture = "<p>The picture is drawn by plot().</p>"
     if solution.mesh.n_nodes <= MAX_NODES_FOR_SUMMARY and find_spec("matplotlib"):
         picture = _embed_picture(solution)
@@ -69,8 +67,7 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
     else:
         rows |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
     contact = solution.contact
-    perimeter = solution.polygon.perimeter
-    lengths = f"length {contact.length:.4g} of {perimeter:.4g}"
+    lengths = f"length {contact.length:.4g} of {solution.polygon.perimeter:.4g}"
     rows["contact"] = "the whole boundary, " * contact.full + lengths
     if not len(cells):
         rows["contact"] = LINEAR_PROBLEM_NOTE
@@ -86,10 +83,7 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
 def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
     """The rows of guaranteed errors and of the force, and of its sum with all reactions, known if c = 0."""
     if bounds is None:
-        return {
-            "error of u": "unknown, for there is no bound",
-            "force": f"{solution.solved.force:.4g}",
-        }
+        return {"error of u": "unknown, for there is no bound", "force": f"{solution.solved.force:.4g}"}
     names = name_solution_norms(solution.problem)
     errors = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(solution.solved.cells):
@@ -97,9 +91,8 @@ def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) 
     rows = {}
     for name, (bound, relative, norm) in errors.items():
         share = f", {format_percent(relative)} of {norm}" if relative < 1 else ""
-        rows[name] = add_guarantee(
-            f"{format_interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound
-        )
+        text = f"{format_interval(-math.inf, bound, spec='.3g')}{share}"
+        rows[name] = add_guarantee(text, -math.inf, bound)
     if len(errors) == 1:
         return rows
     forces = {"force": solution.force(sharp)}

@@ -229,7 +229,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
                     f"'{quote_input(key.value)}' is given twice, again {_name_line(key)}; give it once"
                 )
             names.add(key.value)
-            key.tag = "tag:yaml.org,2002:str"
+            key.tag = "tag:yaml.org,2002:str"  # a name is text, also if it looks like a number
         return super().construct_mapping(node, deep)
 
 

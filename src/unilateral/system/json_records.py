@@ -22,6 +22,7 @@ def write_json(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
 
 
 def _replace_nonfinite(value: Any) -> Any:
+    """The value with null for NaN and infinite numbers, which JSON does not have; tuples become lists."""
     if isinstance(value, dict):
         return {key: _replace_nonfinite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -67,7 +67,7 @@ def _container_mb() -> float:
         cached = re.search(
             r"^inactive_file (\d+)$", (CGROUP / "memory.stat").read_text("ascii"), re.MULTILINE
         )
-    except (OSError, ValueError):
+    except (OSError, ValueError):  # without cgroup v2, or without a limit: then it is the text "max"
         return math.inf
     return (limit - used + (int(cached[1]) if cached else 0)) / BYTES_PER_MB
 

@@ -34,7 +34,7 @@ def cleaning_up() -> Iterator[None]:
     handlers = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: _terminate}
     before = {number: signal.getsignal(number) for number in handlers}
     for number in handlers:
-        if before[number] is not signal.SIG_IGN:
+        if before[number] is not signal.SIG_IGN:  # as of a command in the background
             signal.signal(number, handlers[number])
     try:
         yield

@@ -22,11 +22,11 @@ from unilateral.adaptive.marking import (
     evenness,
     refinement_pays,
 )
-from unilateral.discrete.multilevel import solve_refinements
+from unilateral.discrete.multilevel import mark_by_bound, solve_refinements
 from unilateral.errors import InputError
 from unilateral.fem.p1 import energy_norm
 from unilateral.geometry.adapted import halve_triangle_edges as divided_mesh
-from unilateral.geometry.adapted import mark_triangles, start_adapted_mesh
+from unilateral.geometry.adapted import start_adapted_mesh
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.dual import h1_distance
@@ -50,9 +50,7 @@ def error_of(case, level):
 
 def steps(of, mesh, times):
     """The solutions on a mesh and on others adapted from it."""
-    found = solve_refinements(
-        of, mesh, Stop(), lambda last: mark_triangles(last.mesh, last.bound_shares), np.inf
-    )
+    found = solve_refinements(of, mesh, Stop(), mark_by_bound, np.inf)
     return [next(found) for _ in range(times)]
 
 

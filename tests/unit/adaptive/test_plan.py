@@ -17,6 +17,8 @@ from unilateral.adaptive.forecast import (
     make_plan,
     predict_mb,
     predict_seconds,
+    predict_sizes,
+    predict_unknowns,
     show_costs,
 )
 from unilateral.adaptive.goal import DEFAULT_MAX_SECONDS, Goal
@@ -77,6 +79,20 @@ def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
     assert 0.5 <= dry.plan.unknowns / whole.best.unknowns <= 2
     assert dry.plan.adapted == adapted
     assert dry.plan.missed == ()
+
+
+@pytest.mark.parametrize("kind", ["structured", "unstructured"])
+def test_the_sizes_of_uniform_levels_are_those_that_come(kind):
+    """To a node, by Euler's formula, from each level on: between two refinements no mesh is uniform."""
+    goal = Goal(0.02, kind=kind)
+    *before, last = levels(load("natural").problem, goal)
+    assert last.certified
+    unknowns = [level.unknowns for level in (*before, last)]
+    for i in range(2, len(unknowns)):
+        needed = predict_unknowns(before[:i])
+        assert unknowns[-2] < needed < unknowns[-1]
+        assert predict_sizes(before[:i]) == unknowns[i:]
+        assert make_plan(before[:i]).unknowns == last.unknowns
 
 
 def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():

@@ -17,13 +17,12 @@ import xarray as xr
 from study import scenes, tables
 from study.stability_constants import pair_constants
 from unilateral.arrays import Index
-from unilateral.discrete.multilevel import solve_refinements
+from unilateral.discrete.multilevel import mark_by_bound, solve_refinements
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import parse_real
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.adapted import mark_triangles
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import from_points, make_uniform_partition
 from unilateral.geometry.polygon import Polygon
@@ -76,11 +75,6 @@ def measure_adaptive(
 def mark_all(solution: DiscreteSolution) -> Index:
     """All triangles."""
     return np.arange(len(solution.mesh.triangles))
-
-
-def mark_by_bound(solution: DiscreteSolution) -> Index:
-    """The triangles that half of the squared bound comes from."""
-    return mark_triangles(solution.mesh, solution.bound_shares)
 
 
 MARKING_BY_KIND: dict[str, Callable[[DiscreteSolution], Index]] = {

@@ -19,14 +19,13 @@ from scipy.linalg import solve as solve_linear
 from study import scenes, tables
 from study.experiments.graded.levels import GradedRow
 from study.stability_constants import bound_multiplier_error
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, discretise_case, solve_condensed_problem
-from unilateral.discrete.multilevel import solve_refinements
+from unilateral.discrete.multilevel import mark_by_bound, solve_refinements
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.formulas.formula import parse_real
-from unilateral.geometry.adapted import mark_triangles
 from unilateral.geometry.mesh import Mesh, build_conforming_mesh
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.plane import cross
@@ -195,13 +194,8 @@ def measure_refined_levels(
     scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop
 ) -> Iterator[GradedRow]:
     """Errors of each level that the bound refines, from the scene's coarsest mesh on."""
-
-    def choose_triangles(solution: DiscreteSolution) -> Index:
-        """The triangles that half of the squared bound comes from."""
-        return mark_triangles(solution.mesh, solution.bound_shares)
-
     first = scenes.coarsest_mesh(scene)
-    for solution in solve_refinements(case.problem, first, stop, choose_triangles, unknowns):
+    for solution in solve_refinements(case.problem, first, stop, mark_by_bound, unknowns):
         solution.bound()
         yield refined_level_errors(case, solution)
 
