@@ -84,7 +84,10 @@ def find_clamped_ends(
     normal_flux: NormalFlux,
     gamma_force_bound: float,
 ) -> ClampedEnds:
-    """How far v - g is known to be positive on the sides with contact beside clamped ones."""
+    """How far v - g is known to be positive on the sides with contact beside clamped ones.
+
+    `v_lower` (nb,) is a lower bound on the trace of u_h + y on each edge, by the hats and bubbles of y.
+    """
     n = mesh.polygon.n_sides
     clamped_ends = no_clamped_ends(n)._replace(gamma_force_bound=gamma_force_bound)
     gap = _bound_edge_gaps(mesh, lifting, v_lower, normal_flux)
@@ -104,9 +107,10 @@ def find_clamped_ends(
 
 
 def _bound_edge_gaps(mesh: Mesh, lifting: Lifting, v_lower: Array, normal_flux: NormalFlux) -> Array:
-    """A lower bound on v - g on each boundary edge, (nb,): 0 next to contact, infinite without g.
+    """A lower bound on v - g on each boundary edge, (nb,): 0 in contact and beside it, infinite without g.
 
-    At the nodes v is at least `v_lower` (n,), less what is subtracted there for the remainder of g.
+    v is less than `v_lower` (nb,) by what is subtracted at nodes for the remainder of g, and more by w >= 0.
+    Clamped edges have u_D for g; their numbers are not used, but their remainders lower v at the vertex.
     """
     upper = np.full(len(mesh.side), -np.inf)
     remainder = np.zeros(len(mesh.side))
@@ -115,10 +119,8 @@ def _bound_edge_gaps(mesh: Mesh, lifting: Lifting, v_lower: Array, normal_flux: 
     # v is lowered at a node by the larger remainder of the two edges there, and one of them may be clamped
     beside = np.maximum(np.roll(remainder, 1), np.roll(remainder, -1))
     lowered = LOWERING_PER_REMAINDER * np.maximum(remainder, beside)
-    # v - g on an edge is at least the lower nodal value less g_upper, and less what v is lowered by
-    trace = v_lower[mesh.boundary]
-    gap = np.minimum(trace, np.roll(trace, -1)) - upper - lowered
-    # in contact v is p at the nodes, which the edges beside share
+    gap = v_lower - upper - lowered
+    # in contact v is p at the nodes: all that is known on its edges, and on those beside them, is v >= g
     in_contact = normal_flux.contact_scale > 0
     gap[in_contact | np.roll(in_contact, 1) | np.roll(in_contact, -1)] = 0.0
     return gap

@@ -79,8 +79,7 @@ class Constraint:
         p - v, with the remainder and the rounding, are below 0.
         """
         start, end, middle = v[self.unknowns].T
-        # the Bernstein coefficients of v on an edge are v at its ends and 2 v(m) - (v(a) + v(b)) / 2
-        v_lower = np.minimum(np.minimum(start, end), 2 * middle - 0.5 * (start + end))
+        v_lower = quadratic_lower_bounds(start, end, middle)
         rounding = 8 * BERNSTEIN_ROUNDING * np.abs(v[self.unknowns]).max(axis=1)
         selection = (always | ~(self.p_upper + rounding <= v_lower))[self.edge]
         return replace(self, **{name: getattr(self, name)[selection] for name in INTERVAL_FIELDS})
@@ -192,6 +191,12 @@ def _bernstein_matrix() -> Array:
     k = np.arange(PIECE_DEGREE + 1)
     binomials = np.array([math.comb(PIECE_DEGREE, i) for i in range(PIECE_DEGREE + 1)])
     return np.asarray(np.linalg.inv(binomials * x[:, None] ** k * (1 - x[:, None]) ** (PIECE_DEGREE - k)))
+
+
+def quadratic_lower_bounds(start: Array, end: Array, middle: Array) -> Array:
+    """Lower bounds on quadratic functions on edges, from their values at the ends and the midpoints."""
+    # the least coefficient in Bernstein's basis, where these are v(a), v(b) and 2 v(m) - (v(a) + v(b)) / 2
+    return np.minimum(np.minimum(start, end), 2 * middle - 0.5 * (start + end))
 
 
 BERNSTEIN_ROUNDING = 4 * EPS * float(np.abs(_bernstein_matrix()).sum(axis=1).max())

@@ -28,6 +28,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux
 from unilateral.bounds.clamped_ends import ClampedEnds, find_clamped_ends, no_clamped_ends, outflows
+from unilateral.bounds.constraint import quadratic_lower_bounds
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.equilibrated_flux import equilibrate_flux
 from unilateral.bounds.feasible import Lift, build_lifting
@@ -128,9 +129,10 @@ def local_bound(
         mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D, sigma_distance=distance
     )
 
-    # a lower bound on v at nodes, for on clamped sides y is negative where u_h is above u_D
-    v_lower = u_h.copy()
-    v_lower[mesh.boundary] += np.minimum(y.nodal, 0.0)
+    # v = u_h + y at the ends and the midpoints of the boundary edges
+    start = u_h[mesh.boundary] + y.nodal
+    end = np.roll(start, -1)
+    v_lower = quadratic_lower_bounds(start, end, 0.5 * (start + end) + y.bubbles)
     return replace(
         collect_bounds(data, form, errors, D, y.remainder_norm, outflows(mesh, form, q)),
         shares=_add_lift_shares(S_shares, lifting.layer, y_squares, y, tau, form),

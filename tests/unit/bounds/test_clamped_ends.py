@@ -22,6 +22,7 @@ from unilateral.bounds.clamped_ends import (
     no_reactions,
     outflows,
 )
+from unilateral.bounds.constraint import quadratic_lower_bounds
 from unilateral.fem.form import Form
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import make_structured_mesh
@@ -55,9 +56,10 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
     u_h = np.full(16, 9.0)
     push[list(pushed)] = 1e-9
     u_h[:5] = u_on_side_0
+    v_lower = quadratic_lower_bounds(u_h, np.roll(u_h, -1), 0.5 * (u_h + np.roll(u_h, -1)))
     form = Form(c=0.0, clamped=(clamped,), free=tuple({1, 2, 3} - {clamped}))
     lift = SimpleNamespace(constraint=g)
-    return module.find_clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(contact_scale=push), 7.0)
+    return module.find_clamped_ends(BOUNDARY, form, lift, v_lower, SimpleNamespace(contact_scale=push), 7.0)
 
 
 def test_the_part_after_a_clamped_side_has_its_least_gap():
@@ -200,6 +202,35 @@ def arguments():
     """Of `local_bound` for a membrane that is clamped on the left and has a gap on the right."""
     problem = ul.Problem(square(), -1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
     return bound_arguments(ul.solve(problem, h=1 / 4, H=1 / 2).solved)
+
+
+@pytest.mark.parametrize(("u", "gap_length"), [(-0.4, 1.0), (-0.9, 0.0)])
+def test_gamma_is_no_more_than_the_gap_between_the_nodes(u, gap_length):
+    """u_h is constant, u_D = 0 on side 0, g = -1: u_h + y is 0 at the vertex, and dips below u_h beside it.
+
+    For u_h = -0.9 it dips to 0.0006 above g, where nothing is known. Control: v is u_h beyond the first edge.
+    """
+    solved = ul.solve(ul.Problem(square(), 0, -1, u={0: 0}), h=1 / 8, H=1 / 4).solved
+    data, partition, _, lambda_H, form = bound_arguments(solved)[:5]
+    mesh = data.mesh
+    found = local_bounds.local_bound(data, partition, np.full(mesh.n_nodes, u), 0 * lambda_H, form)
+    start = u + found.lift[0]
+    x = np.linspace(0, 1, 101)
+    v = np.outer(start, 1 - x) + np.outer(np.roll(start, -1), x) + np.outer(found.lift[1], 4 * x * (1 - x))
+    gap = v[mesh.side == 1] + 1
+    assert found.clamped_ends.gap_length[1] == gap_length
+    assert not gap_length or 0.3 < found.clamped_ends.gamma[1] <= gap.min() < 0.56
+    assert gap.min() < gap[1:].min() == pytest.approx(1 + u)
+
+
+def test_quadratic_functions_are_at_least_their_bounds():
+    """As values at 101 points are. Control: the bound is sharp for linear ones."""
+    start, end, middle = np.random.default_rng(1).standard_normal((3, 100))
+    x = np.linspace(0, 1, 101)[:, None]
+    v = start * (1 - x) * (1 - 2 * x) + end * x * (2 * x - 1) + middle * 4 * x * (1 - x)
+    assert np.all(quadratic_lower_bounds(start, end, middle) <= v.min(axis=0) + 1e-15)
+    linear = quadratic_lower_bounds(start, end, 0.5 * (start + end))
+    assert linear == pytest.approx(np.minimum(start, end))
 
 
 LARGE = 1e6
