@@ -175,8 +175,8 @@ def enclose_obstacle(
 
     Below `u_lower_bound`, which u exceeds, it need not be known as well. It takes fewer pieces if these begin
     and end at the points where g is known not to be smooth. Each piece but a side's last is changed linearly
-    to end where the next one begins. `slope_model` is the derivative of u on clamped sides by the arc length
-    in side lengths.
+    to end where the next one begins. `slope_model`, which clamped sides need, is the derivative of u there by
+    the arc length in side lengths.
     """
     pieces = enclose_in_pieces(polygon, model, free, u_lower_bound, breakpoints)
     # p(1) of a piece is taken linearly to p(-1) of the next: + gap (1 + sigma) / 2, at most |gap|
@@ -215,6 +215,10 @@ def _enclose_at_vertices(
 ) -> tuple[Array, Array]:
     """Values of g at the vertices, from both sides, and how far g may be from them, (2, n) each.
 
+    `side`, `c` and `remainder` are those of the pieces, in the order of the boundary: piece j is the
+    polynomial sum_i c[i, j] sigma^i, sigma from -1 to 1, within remainder[j] of g. On `free` sides, where
+    there is no g, all values are 0, and are no enclosure.
+
     g is enclosed at the vertex itself, however little is known of it on the pieces beside the vertex. If no
     enclosure is known at the vertex, as next to a singularity, that of the piece there is taken.
     """
@@ -226,6 +230,7 @@ def _enclose_at_vertices(
     for row, t in ((0, 1.0), (1, 0.0)) if constrained_sides.size else ():
         place = np.full(len(constrained_sides), t)
         exact = enclose_on_intervals(model, constrained_sides, place, place)
+        # the last piece of the side for t = 1, at sigma = 1; the first one for t = 0, at sigma = -1
         piece = np.searchsorted(side, constrained_sides, side="right" if t else "left") - int(t)
         value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
         finite = np.isfinite(exact.rad)
@@ -242,20 +247,24 @@ def _slope_remainders(
     clamped: Sequence[int],
     slope_model: SideModel | None,
 ) -> Array:
-    """How far the derivative of u may be from the polynomials' on each piece, and near its ends, (2, k).
+    """Bounds on |u' - p'| by arc length on each piece, row 0, and next to its ends, row 1, (2, k).
 
-    The second row is for places near the ends of a piece, see `Obstacle.end_slope_remainder`.
+    Both are 0 on sides that are not clamped. The pieces lie between the arc lengths `points` (k + 1,), and
+    `slope_model` is du/dt, t in side lengths. Where rounding moves a place across a piece's end, u' is that
+    of the next piece, and within row 1 of this p'; at the ends of a side there is no such piece.
     """
     remainders = np.zeros((2, len(pieces.side)))
     rows = np.flatnonzero(np.isin(pieces.side, clamped))
-    if not rows.size or slope_model is None:
+    if not rows.size:
         return remainders
+    assert slope_model is not None, "without its derivative, u is not known well enough on clamped sides"
     exact = enclose_on_intervals(slope_model, pieces.side[rows], pieces.start[rows], pieces.end[rows])
     k = np.arange(PIECE_DEGREE + 1.0)
     half = 0.5 * np.diff(points)[rows]
     length = polygon.lengths[pieces.side[rows]]
     # p' by the arc length: coefficients k c_k at the power k - 1, over half of the piece's length
     rises = np.roll(k[:, None] * pieces.c[:, rows], -1, axis=0) / half
+    # terms of p' are rounded some 20 times by EPS / 2; places move by a quarter of this (`rounding_errors`)
     shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
     rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
     # |u' - p'| <= sum of |differences of coefficients| + the remainder of u' + rounding, of places, too

@@ -64,6 +64,51 @@ def test_values_are_off_by_no_more_than_is_allowed():
     assert 1e-3 < worst <= 1
 
 
+def sampled_places(seed, per_side=6):
+    """Errors of sigma at Gauss points over the bounds on them, for pieces and edges on all sides.
+
+    As p = sigma, a bound is that of a place, and 16 EPS, which is little on pieces as short as these.
+    """
+    rng = np.random.default_rng(seed)
+    angles = 2 * np.pi * (np.arange(7) + rng.uniform(0, 0.9, 7)) / 7
+    polygon = Polygon(10.0 ** rng.uniform(-3, 3) * np.column_stack([np.cos(angles), np.sin(angles)]))
+    side = np.repeat(np.arange(7), per_side + 1)
+    cuts = np.sort(rng.uniform(0, 1, (7, 1)) + rng.uniform(-1e-3, 1e-3, (7, per_side)), axis=1)
+    cuts = np.clip(cuts, 1e-4, 1 - 1e-4)
+    start = np.column_stack([np.zeros(7), cuts]).ravel()
+    end = np.column_stack([cuts, np.ones(7)]).ravel()
+    keep = end > start
+    side, start, end = side[keep], start[keep], end[keep]
+    zero = np.zeros(len(side))
+    c = np.zeros((PIECE_DEGREE + 1, len(side)))
+    c[1] = 1.0
+    of = IntervalPieces(side, start, end, c, zero, zero, zero)
+    points = of.arc_lengths(polygon)
+    found = Piecewise(polygon, points, side, c, zero, zero, zero)
+    nodes = np.polynomial.legendre.leggauss(PIECE_DEGREE + 1)[0].tolist()
+    cut_edges = polygon.divided(rng.integers(1, 300, 7))
+    samples = found.sample(cut_edges)
+    ends = [Fraction(x) for x in np.union1d(cut_edges, points).tolist()]
+    starts = [Fraction(x) for x in polygon.starts.tolist()]
+    bound = of.rounding_errors(points)
+    for j, piece in enumerate(samples.piece.tolist()):
+        i, a, b = side[piece], Fraction(start[piece]), Fraction(end[piece])
+        for x, value in zip(nodes, samples.value[j].tolist(), strict=True):
+            s = (ends[j] + ends[j + 1]) / 2 + (ends[j + 1] - ends[j]) / 2 * Fraction(x)
+            # supplement, S7: s divides the side as it divides the interval between the stored arc lengths
+            t = (s - starts[i]) / (starts[i + 1] - starts[i])
+            sigma = (2 * t - a - b) / (b - a)
+            # next to an end of a piece an interval may be one of rounding alone
+            if abs(sigma) <= 1:
+                yield float(abs(Fraction(value) - sigma)) / bound[piece]
+
+
+def test_places_are_off_by_no_more_than_is_allowed():
+    """In exact arithmetic. Control: a quarter of that would be too little."""
+    worst = max(max(sampled_places(seed)) for seed in (1, 3))
+    assert 0.25 < worst <= 1
+
+
 def test_large_constants_are_rounded_as_sums_are():
     """At a place that is exact, of a large constant with a little more, which a shift hardly changes."""
     rng = np.random.default_rng(1)
@@ -134,6 +179,15 @@ def u_on_bottom(text, slope, length=1.0):
         clamped=(0,),
         slope_model=lambda _, t: enclose_formula(of_slope, {"t": t}),
     )
+
+
+def test_clamped_sides_without_the_derivative_are_refused():
+    """A remainder of 0 would say that p' is u'. Control: with it, or without clamped sides, all is well."""
+    formula = parse_formula("sin(20*t)", ("t",), "here")
+    with pytest.raises(AssertionError, match="without its derivative"):
+        enclose_obstacle(square(), lambda _, t: enclose_formula(formula, {"t": t}), (1, 2, 3), clamped=(0,))
+    assert u_on_bottom("sin(20*t)", "20*cos(20*t)").slope_remainder.any()
+    assert not g_on_bottom("sin(20*t)").slope_remainder.any()
 
 
 def off(u, text, length):
