@@ -67,9 +67,9 @@ class IntervalPieces(NamedTuple):
         )
 
     def rounding_errors(self, s: Array) -> Array:
-        """Bounds on the rounding errors of the polynomials at rounded places, from their `arc_lengths`, (k,)."""
-        # |p(sigma + d) - p(sigma)| <= d sum over k of k |c_k|, sigma = (s - s_j) / half - 1. Let a unit be the
-        # spacing of floats at the perimeter. s_j is off by at most 3/2 units, for starts[i + 1], t L and
+        """Bounds on the rounding errors of the polynomials at rounded places, (k,); s are `arc_lengths`."""
+        # |p(sigma + d) - p(sigma)| <= d sum over k of k |c_k|, sigma = (s - s_j) / half - 1. Let a unit be
+        # the spacing of floats at the perimeter. s_j is off by at most 3/2 units, for starts[i + 1], t L and
         # starts[i] + t L are rounded by half a unit each. Numbers below half the perimeter, as lengths are,
         # are rounded by a quarter. So a Gauss point s = (a + b) / 2 + x (b - a) / 2 is off by at most 5/4,
         # and the three operations of sigma add 3/4. In all d half is less than 4 units
