@@ -171,19 +171,21 @@ def settle_active_set(
 
 def _run_until_set_changes(run: ActiveSetRun, criterion: Criterion) -> Mask:
     """The active set (m,) after the run has ended, or as soon as it has changed."""
-    max_rz: float | None = criterion.first_check(run)
-    while max_rz is not None:
+    max_rz = criterion.first_check(run)
+    while True:
         run.descend(max_rz)
         next_active = run.choose_next_set()
-        max_rz = criterion(run) if np.array_equal(next_active, run.active) else None
-    return next_active
+        next_max_rz = criterion(run) if np.array_equal(next_active, run.active) else None
+        if next_max_rz is None:
+            return next_active
+        max_rz = next_max_rz
 
 
 @dataclass(frozen=True)
 class ReductionCriterion:
-    """Ends a run when r . z is at most the `share` of its first value."""
+    """Ends a run when r . z is at most `max_rz_ratio` times its first value."""
 
-    share: float
+    max_rz_ratio: float
 
     def first_check(self, run: ActiveSetRun) -> float:
         """The r . z at which to look at the set."""
@@ -191,7 +193,7 @@ class ReductionCriterion:
 
     def __call__(self, run: ActiveSetRun) -> float | None:
         """The r . z at which to look again, None to end."""
-        done = run.grid.is_coarsest or run.is_exhausted or run.rz <= self.share * run.first_rz
+        done = run.grid.is_coarsest or run.is_exhausted or run.rz <= self.max_rz_ratio * run.first_rz
         return None if done else RZ_RATIO_PER_CHECK * run.rz
 
 
