@@ -142,8 +142,14 @@ def boundary_index(mesh: Mesh, vertex: int) -> int:
     return int(np.searchsorted(mesh.side, vertex))
 
 
+def first_contact_edge(mesh: Mesh, vertex: int, form: Form) -> int:
+    """The boundary edge at a vertex between a clamped side and one with contact that lies on the latter."""
+    # edge i begins at boundary node i: the side with contact begins at the vertex, or ends there
+    return boundary_index(mesh, vertex) - (vertex in form.clamped)
+
+
 def gap_nodes(mesh: Mesh, vertex: int, reactions: ReactionData) -> Index:
-    """The places in `mesh.boundary` of nodes on the side with contact whose next edges lie within reach."""
+    """The places in `mesh.boundary` of nodes on the side with contact, both edges within the `gap_length`."""
     forward = vertex not in reactions.form.clamped
     edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
     edges = edges if forward else edges[::-1]
@@ -173,7 +179,7 @@ def conflict_allowances(mesh: Mesh, sides: Index, reactions: ReactionData) -> tu
     ends = reactions.clamped_ends
     lengths = np.diff(mesh.s)
     for vertex, which in find_conflicts(sides, reactions):
-        first_length = lengths[boundary_index(mesh, vertex) - (vertex in reactions.form.clamped)]
+        first_length = lengths[first_contact_edge(mesh, vertex, reactions.form)]
         # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16); w falls on an edge
         is_bounded = first_length <= ends.gap_length[vertex]
         amount = ends.gamma_force_bound / ends.gamma[vertex] if is_bounded else np.inf

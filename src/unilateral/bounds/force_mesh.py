@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.clamped_ends import ReactionData, boundary_index
+from unilateral.bounds.clamped_ends import ReactionData, boundary_index, first_contact_edge
 from unilateral.errors import InputError
 from unilateral.fem.condense import CondensedMatrix, condense
 from unilateral.fem.form import Form
@@ -20,7 +20,10 @@ MIN_UNGRADED_NODES = 250
 MAX_FIRST_NODES = 2000
 """Before it is graded, the mesh is halved up to the first number of nodes; none above the second is taken."""
 MAX_BOUNDARY_NODES = 640
-"""The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
+"""Grading for the load makes no mesh with more nodes on the boundary than this, for their matrix is full.
+
+A first mesh may have more, and halving at clamped ends goes on until there are twice as many.
+"""
 MAX_LIGHT_LOAD = 1 / 16
 """A load on a node counts as small if it is at most this."""
 HEAVY_LOAD_FRACTION = 1 / 4
@@ -55,20 +58,23 @@ def condense_force_mesh(
 
 
 def _refine_at_clamped_ends(mesh: Mesh, reactions: ReactionData) -> Mesh:
-    """The mesh, refined at clamped vertices until an edge there lies within reach."""
-    for vertex in np.flatnonzero(reactions.clamped_ends.gap_length).tolist():
-        node = boundary_index(mesh, vertex)
-        edge = 0 if vertex not in reactions.form.clamped else -1
+    """The mesh, halved at clamped ends until the first edge with contact at each is within its `gap_length`.
+
+    On that edge w passes from 1 to 0, and lambda is bounded only along the `gap_length` of `ClampedEnds`.
+    Where rounding or the number of nodes ends this before, `conflict_allowances` makes the bound infinite.
+    """
+    gap_length = reactions.clamped_ends.gap_length
+    for vertex in np.flatnonzero(gap_length).tolist():
+        # grading alone may have used MAX_BOUNDARY_NODES
         while (
-            np.diff(mesh.s)[node + edge] > reactions.clamped_ends.gap_length[vertex]
+            np.diff(mesh.s)[first_contact_edge(mesh, vertex, reactions.form)] > gap_length[vertex]
             and len(mesh.boundary) < 2 * MAX_BOUNDARY_NODES
         ):
-            triangles = np.flatnonzero((mesh.triangles == mesh.boundary[node]).any(axis=1))
-            finer = _halve_triangles(mesh, triangles)
+            node = mesh.boundary[boundary_index(mesh, vertex)]
+            finer = _halve_triangles(mesh, np.flatnonzero((mesh.triangles == node).any(axis=1)))
             if finer is None:
                 break
             mesh = finer
-            node = boundary_index(mesh, vertex)
     return mesh
 
 
@@ -91,15 +97,17 @@ def grade_force_mesh(mesh: Mesh, partition: Partition, load: Array, depth: float
     """
     graded = _choose_first_mesh(mesh)
     # halve all triangles, then those where functions of least norm are steep
-    while graded.n_nodes < MIN_UNGRADED_NODES and (finer := _halve_triangles(graded)):
-        graded = finer
-    while len(chosen := _mark_loaded_triangles(graded, partition, load, depth)) and (
-        finer := _halve_triangles(graded, chosen)
-    ):
-        if len(finer.boundary) > MAX_BOUNDARY_NODES:
+    while graded.n_nodes < MIN_UNGRADED_NODES:
+        finer = _halve_triangles(graded)
+        if finer is None:
             break
         graded = finer
-    return graded
+    while True:
+        chosen = _mark_loaded_triangles(graded, partition, load, depth)
+        finer = _halve_triangles(graded, chosen) if len(chosen) else None
+        if finer is None or len(finer.boundary) > MAX_BOUNDARY_NODES:
+            return graded
+        graded = finer
 
 
 def _choose_first_mesh(mesh: Mesh) -> Mesh:
