@@ -298,12 +298,12 @@ class Lifting(NamedTuple):
     def remainder_squares(self, shortfall: Shortfall) -> Array:
         """Bounds (k,) on the squared energy norms, by triangles of the layer, of what the remainder adds."""
         no_bubbles = np.zeros_like(shortfall.nodal_raise)
-        hats, bubbles = self.layer.function(shortfall.nodal_raise, no_bubbles)
+        hats, bubbles = self.layer.expand(shortfall.nodal_raise, no_bubbles)
         raise_squares = self.layer.square_norms(self.form, hats, bubbles)
         # at clamped nodes the sign is not known: the norms of the hats, times the sizes, are added
         if not np.any(shortfall.nodal_change):
             return raise_squares
-        values, _ = self.layer.function(shortfall.nodal_change, no_bubbles)
+        values, _ = self.layer.expand(shortfall.nodal_change, no_bubbles)
         change_norms = sum(
             np.sqrt(self.layer.square_norms(self.form, np.broadcast_to(hat, values.shape), 0 * values)) * size
             for hat, size in zip(np.eye(3), values.T, strict=True)

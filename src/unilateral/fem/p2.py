@@ -186,8 +186,8 @@ class BoundaryLayer(NamedTuple):
     hat_gradients: Array
     edge_places: Index
 
-    def function(self, nodal: Array, bubble: Array) -> tuple[Array, Array]:
-        """The coefficients (k, 3) of hats and of bubbles, from those at boundary nodes and edges (nb,)."""
+    def expand(self, nodal: Array, bubble: Array) -> tuple[Array, Array]:
+        """The coefficients (k, 3) of hats and bubbles: those at boundary nodes and edges (nb,), else 0."""
         values = np.zeros(self.mesh.n_nodes)
         bubbles = np.zeros((len(self.triangles), 3))
         values[self.mesh.boundary] = nodal
@@ -202,7 +202,7 @@ class BoundaryLayer(NamedTuple):
 
     def norm(self, form: Form, nodal: Array, bubble: Array) -> float:
         """The energy norm of the function with these coefficients at boundary nodes and edges (nb,)."""
-        return math.sqrt(float(self.square_norms(form, *self.function(nodal, bubble)).sum()))
+        return math.sqrt(float(self.square_norms(form, *self.expand(nodal, bubble)).sum()))
 
     def bubble_square_norms(self, form: Form) -> Array:
         """The squared energy norms of the bubbles of the boundary edges; shape (nb,)."""

@@ -49,7 +49,7 @@ def condensed_algebraic_bound(
     if math.isnan(rho):
         rho = 1 / operator.lambda_max
     if not operator.lambda_min_lower > 0:
-        return _energy_algebraic_bound(operator, mu, gap, delta)
+        return _singular_algebraic_bound(operator, mu, gap, delta)
     # R = mu - max(0, mu - rho F) = min(mu, rho F), with the least and the largest F that rounding allows
     low = np.minimum(mu, rho * (gap.values - gap.rounding))
     R = np.minimum(mu, rho * gap.values)
@@ -63,7 +63,7 @@ def condensed_algebraic_bound(
     return a + (R_norm + R_rounding) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
 
 
-def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
+def _singular_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
     """The bound of `condensed_algebraic_bound` where S is singular."""
     # in units of the largest number, because the square of a tiny one would be 0
     weighted = operator.H_i * mu

@@ -43,7 +43,7 @@ class TruncatedCycle:
         self.truncated_coarse_nodes = truncated_nodes[truncated_nodes < self.last_level.n_coarse]
         self.truncated_new_nodes = truncated_nodes[truncated_nodes >= self.last_level.n_coarse]
         # from fine to coarse: S = P^T A P - P^T D P, and the next D is P^T D P
-        D = _galerkin_product(self.last_level, _extract_nodes(hierarchy.A, truncated_nodes))
+        D = _galerkin_product(self.last_level, _extract_node_entries(hierarchy.A, truncated_nodes))
         self.matrices: list[sp.csr_array] = []
         for level in reversed(self.lower_levels):
             self.matrices.insert(0, _subtract_from_level(level, D))
@@ -92,7 +92,7 @@ def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
         return splu((S + sp.diags_array(MIN_ENERGY_SHARE * A_0.diagonal())).tocsc())
 
 
-def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
+def _extract_node_entries(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     """D = A - T A T: the symmetric A's entries whose row or column is one of the nodes, at which T is 0."""
     rows = A[nodes].tocoo()
     i = nodes[rows.row]
@@ -102,9 +102,9 @@ def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     # rows of the nodes, and by symmetry their columns; entries between two of the nodes are in both
     outside = ~is_chosen[j]
     all_nodes, place = np.unique(np.concatenate([i, j]), return_inverse=True)
-    i, j = np.split(place, [len(i)])
+    place_i, place_j = np.split(place, [len(i)])
     entries = np.concatenate([rows.data, rows.data[outside]])
-    places = np.concatenate([i, j[outside]]), np.concatenate([j, i[outside]])
+    places = np.concatenate([place_i, place_j[outside]]), np.concatenate([place_j, place_i[outside]])
     return NodalMatrix(all_nodes, sp.csr_array((entries, places), shape=(len(all_nodes), len(all_nodes))))
 
 

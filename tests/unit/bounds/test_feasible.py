@@ -257,9 +257,9 @@ def test_functions_of_the_layer_are_those_of_P2(name, form):
     def square(w):
         return form.k * dot(grad(w.of), grad(w.of)) + form.c * w.of**2
 
-    found = of.square_norms(form, *of.function(nodal, bubble)).sum()
+    found = of.square_norms(form, *of.expand(nodal, bubble)).sum()
     assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
-    norms = [of.square_norms(form, *of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
+    norms = [of.square_norms(form, *of.expand(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
     assert of.bubble_square_norms(form)[:3] == pytest.approx(norms, rel=1e-12)
 
 

@@ -174,4 +174,4 @@ def test_any_values_that_may_be_added_at_clamped_nodes_are_in_the_norm(form):
     bound = Lifting(of, None, form, None, None).remainder_squares(short)
     for _ in range(20):
         values = added + either * rng.choice([-1.0, 1.0, 0.3], nb)
-        assert np.all(of.square_norms(form, *of.function(values, np.zeros(nb))) <= bound * (1 + 1e-12))
+        assert np.all(of.square_norms(form, *of.expand(values, np.zeros(nb))) <= bound * (1 + 1e-12))
