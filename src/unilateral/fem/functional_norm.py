@@ -6,17 +6,17 @@ l = 1, ..., L, its hats at the new nodes times
     w_e = (I_l v)(midpoint of e) - mean of v at the ends of e,      e a halved edge of level l - 1.
 
 Let t be a triangle of level l - 1. In variables in which t is right and isosceles, its reference edge being
-the hypotenuse, its descendants are so, too (`geometry.refinement`). If each came by at most 2 k + 1
+the hypotenuse, its descendants are so, too (`geometry.refinement`). If each came by at most 2 j + 1
 halvings of areas, halve them on until each came by so many. Their corners and legs are then those of the
-criss-cross lattice of 2^k squares on each leg of t, half of them in t; their hypotenuses may be others. But
+criss-cross lattice of 2^j squares on each leg of t, half of them in t; their hypotenuses may be others. But
 the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only, and
 
-    |I_0 v|_1^2 <= M_k |v|_1^2      as for v of the lattice, I_0 at the corners of t,               (1)
+    |I_0 v|_1^2 <= M_j |v|_1^2      as for v of the lattice, I_0 at the corners of t,               (1)
     sum of w_e^2 over the halved edges of t <= C |I_l v|_{1,t}^2                                    (2)
 
-with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_k as in
+with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_j as in
 `interpolation_constant`, computed like those: the largest eigenvalue on two values, the others eliminated.
-Used twice, (1) gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these
+Used twice, (1) gives M_{i+j} <= M_i M_j. Both are Proposition S13 of the supplement. The map from these
 variables, with the ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of
 level 0, changes |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the
 triangles t of a level,
@@ -52,7 +52,10 @@ from unilateral.fem.hierarchy import Hierarchy
 from unilateral.formulas.taylor import EPS
 
 CHILDREN_CONSTANTS = np.array([1, 1, 1.0001, 1.4473, 2.0001])
-"""The entry k is an upper bound on C in (2) for a triangle with k children (Proposition S13)."""
+"""The entry m is an upper bound on C in (2) for a triangle with m children (Proposition S13).
+
+Those with 0 or 1 are not at a halved edge.
+"""
 INTERPOLATION_CONSTANTS = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
 """Upper bounds on M_0, M_1, ..., M_7 in (1) (Proposition S13)."""
 
@@ -61,9 +64,9 @@ def interpolation_constant(halvings: int) -> float:
     """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
-    # 2 k + 1 halvings of areas at most have M_k, and M_{j+k} <= M_j M_k: as many factors M_7 as there are
-    times, k = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
-    rest = INTERPOLATION_CONSTANTS[k] if k or not times else 1.0
+    # 2 j + 1 halvings of areas at most have M_j, and M_{i+j} <= M_i M_j: as many factors M_7 as there are
+    times, j = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
+    rest = INTERPOLATION_CONSTANTS[j] if j or not times else 1.0
     return float(INTERPOLATION_CONSTANTS[-1] ** times * rest)
 
 
@@ -145,10 +148,11 @@ def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
     """The weights rho_e (k,) of the edges that each level has halved, from the last level to the first."""
     # how often, from level 0 on, the area of the smallest descendant of each triangle was halved
     deepest = hierarchy.area_halvings
-    M = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
+    M = np.array([interpolation_constant(n) for n in range(int(deepest.max()) + 1)])
     for level in reversed(hierarchy.levels):
         step = level.step
-        # halvings below the children of each triangle of the level before; then `deepest` for that level
+        # how often children of each old triangle are halved on: totals since level 0, less the child's own
+        # one; then `deepest` for the level before
         total_halvings = deepest[step.triangles]
         halvings_below = np.zeros(step.n_old_triangles, dtype=np.int16)
         deepest = deepest[: step.n_old_triangles].copy()

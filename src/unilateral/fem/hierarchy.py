@@ -34,8 +34,8 @@ class FinerSpace:
     that their rows reach, `smoothed_nodes` first; `rows` (s, c) are these rows of the matrix. If refinement
     was uniform, `smoothed_nodes` and `columns` are None, and the rows are the whole matrix. The last level of
     a hierarchy has no rows, for the hierarchy has its matrix. `step` made the level. `area_halvings` says how
-    often the area of each of its new triangles was halved. When a functional goes to the level before, each
-    of its numbers there is a sum of at most `max_summands`.
+    often areas were halved from level 0 to each of its new triangles. When a functional goes to the level
+    before, each of its numbers there is a sum of at most `max_summands`.
     """
 
     n: int
@@ -220,7 +220,7 @@ def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = 
         levels[-1] = levels[-1].attach_rows(hierarchy.A if smoothed is None else hierarchy.A[smoothed])
     for step in steps:
         # triangles of this step: their nodes, their triangle of level 0, and how often that was halved
-        child_halvings = area_halvings[step.parent] + step.area_halvings
+        child_halvings = area_halvings[step.parent] + step.halvings_from_parent
         triangles = step.replace_values(triangles, step.nodes)
         coarse_triangle = step.inherit(coarse_triangle)
         area_halvings = step.replace_values(area_halvings, child_halvings)
@@ -285,7 +285,7 @@ def _build_level_0(mesh: Mesh, form: Form) -> Hierarchy:
 def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask) -> FinerSpace:
     """The level that a step makes, without its rows; some of the nodes (n,) are `clamped_nodes`.
 
-    `area_halvings` are those of the step's new triangles.
+    `area_halvings` are those of the step's new triangles, since level 0.
     """
     n = step.n_old_nodes
     k = len(step.ends)

@@ -63,7 +63,7 @@ class RefinementStep:
     triangles have the `nodes` (c, 3). There were `n_old_triangles` triangles. After a uniform step the
     `refined_triangulation` is known, and the new triangles are all of its triangles, in order. Otherwise
     `children` has their numbers (c,), the triangles that they come from (c,), and how often the areas of
-    these were halved (c,).
+    these were halved to make them, 1 or 2, (c,).
     """
 
     n_old_nodes: int
@@ -87,8 +87,8 @@ class RefinementStep:
         return np.tile(np.arange(self.n_old_triangles, dtype=np.int32), RED_CHILDREN)
 
     @property
-    def area_halvings(self) -> Int16:
-        """How often the area of each new triangle's parent was halved, (c,)."""
+    def halvings_from_parent(self) -> Int16:
+        """How often a parent's area was halved to make each new triangle, 1 or 2, (c,)."""
         return self.children[2] if self.children else np.full(len(self.nodes), 2, dtype=np.int16)
 
     def replace_values(self, old: TriangleValues, new: TriangleValues) -> TriangleValues:
@@ -126,7 +126,7 @@ def refine_triangulation(
         triangulation.edge_triangles[rows],
         new.nodes,
         len(triangulation.nodes),
-        None if uniform else (new.triangles, new.parent, new.area_halvings),
+        None if uniform else (new.triangles, new.parent, new.halvings_from_parent),
     )
     refined = _replace_triangles(triangulation, step, new, midpoints)
     return refined, replace(step, refined_triangulation=refined) if uniform else step
@@ -167,15 +167,15 @@ RED_CHILDREN = 4
 class NewTriangles(NamedTuple):
     """The new triangles (c,) of a refinement, with their nodes and edges (c, 3) and their parents (c,).
 
-    `area_halvings` (c,) is how often the parents' areas were halved, and `interior_edges` (e, 2) are the ends
-    of the edges that lie inside the parents.
+    `halvings_from_parent` (c,) is how often a parent's area was halved to make the triangle, 1 or 2, and
+    `interior_edges` (e, 2) are the ends of the edges that lie inside the parents.
     """
 
     triangles: Int32
     nodes: Int32
     edges: Int32
     parent: Int32
-    area_halvings: Int16
+    halvings_from_parent: Int16
     interior_edges: Int32
 
 
@@ -237,7 +237,7 @@ def _add_children(new: NewTriangles, row: int, kind: int, parents: Int32, nodes:
         new.nodes[rows] = nodes[:, child_nodes]
         new.edges[rows] = edges[:, child_edges]
         new.parent[rows] = parents
-        new.area_halvings[rows] = CHILD_AREA_HALVINGS[kind][child]
+        new.halvings_from_parent[rows] = CHILD_AREA_HALVINGS[kind][child]
         row += len(parents)
     return row
 
@@ -259,7 +259,10 @@ def _local_numbering(triangulation: Triangulation, parents: Int32, midpoints: In
 def _replace_triangles(
     triangulation: Triangulation, step: RefinementStep, new: NewTriangles, midpoints: Int32
 ) -> Triangulation:
-    """The triangulation with its edges halved and the new triangles in place of their parents."""
+    """The triangulation with its edges halved and the new triangles in place of their parents.
+
+    `midpoints` (E,) are the new nodes of the edges, -1 for none.
+    """
     # A halved edge becomes its first half; second halves come next, and then the edges inside triangles
     halved = np.flatnonzero(midpoints >= 0)
     second_ends = np.column_stack([midpoints[halved], step.ends[:, 1]])
@@ -274,9 +277,9 @@ def _replace_triangles(
     edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
     # Boundary edges run with the boundary, so that the first half comes before the second
     boundary = triangulation.boundary_edges
-    halved = np.flatnonzero(midpoints[boundary] >= 0)
-    second_halves = midpoints[boundary[halved]] + (E - triangulation.n_nodes)
-    boundary = np.insert(boundary, halved + 1, second_halves)
+    halved_places = np.flatnonzero(midpoints[boundary] >= 0)
+    second_halves = midpoints[boundary[halved_places]] + (E - triangulation.n_nodes)
+    boundary = np.insert(boundary, halved_places + 1, second_halves)
     return Triangulation(
         triangulation.n_nodes + len(step.ends),
         step.replace_values(triangulation.nodes, new.nodes),
@@ -289,7 +292,7 @@ def _replace_triangles(
 
 
 def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
-    """The triangulation of triangles with boundary nodes, whose edges are found by sorting."""
+    """The triangulation of anticlockwise triangles with boundary nodes; edges are found by sorting."""
     nodes, alike = rotate_to_pattern(points, triangles)
     start = nodes[:, [1, 2, 0]].ravel().astype(np.int64)
     end = nodes[:, [2, 0, 1]].ravel().astype(np.int64)
@@ -297,14 +300,15 @@ def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Tri
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     keys, where, edge = np.unique(key, return_index=True, return_inverse=True)
     ends = np.column_stack([start[where], end[where]]).astype(np.int32)
-    sides = np.full((len(ends), 2), -1, dtype=np.int32)
+    edge_triangles = np.full((len(ends), 2), -1, dtype=np.int32)
     reverse = (ends[edge, 0] != start).view(np.int8)
-    sides[edge, reverse] = np.arange(len(edge)) // 3
+    edge_triangles[edge, reverse] = np.arange(len(edge)) // 3
     after = np.roll(boundary, -1).astype(np.int64)
-    along = np.searchsorted(keys, np.minimum(boundary, after) * len(points) + np.maximum(boundary, after))
+    boundary_key = np.minimum(boundary, after) * len(points) + np.maximum(boundary, after)
+    boundary_edges = np.searchsorted(keys, boundary_key).astype(np.int32)
     edges = edge.reshape(-1, 3).astype(np.int32)
     return Triangulation(
-        len(points), nodes.astype(np.int32), edges, ends, sides, along.astype(np.int32), alike
+        len(points), nodes.astype(np.int32), edges, ends, edge_triangles, boundary_edges, alike
     )
 
 
