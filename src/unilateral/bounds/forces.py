@@ -186,9 +186,10 @@ def _build_least_bound(
     """The `LeastBound` for this error bound, on a mesh that is made for lambda_H and it."""
     # with k^{-1/2} N in place of N, E gets the factor k^{1/2}
     E = math.sqrt(reactions.form.k) * error_bound
-    load = lambda_H / max(E, MIN_BOUND_PER_FORCE * float(partition.lengths @ lambda_H), MIN_FORCE_BOUND)
-    force_mesh, condensed = condense_force_mesh(mesh, partition, load, reactions)
-    pairing, load = (coupling(force_mesh, partition).T @ np.column_stack([lambda_H, load])).T
+    # E is 0 for exact data, or tiny: the mesh needs a finite load
+    cell_load = lambda_H / max(E, MIN_BOUND_PER_FORCE * float(partition.lengths @ lambda_H), MIN_FORCE_BOUND)
+    force_mesh, condensed = condense_force_mesh(mesh, partition, cell_load, reactions)
+    pairing, load = (coupling(force_mesh, partition).T @ np.column_stack([lambda_H, cell_load])).T
     is_fixed = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
     return LeastBound(force_mesh, condensed, pairing, E, load, is_fixed, Form(c=reactions.depth**-2))
 
@@ -221,7 +222,8 @@ class LeastBound:
     """The least of <lambda_H, w> + E |||w||| on a mesh with its `condensed`, or among constants without one.
 
     `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, and `load` (nb,) is
-    about `pairing` over E. At the nodes `is_fixed` (nb,) w is given. |||w||| is that of the `norm_form`.
+    about `pairing` over E, which is k^(1/2) times the error bound. At the nodes `is_fixed` (nb,) w is given.
+    |||w||| is that of the `norm_form`.
     """
 
     mesh: Mesh

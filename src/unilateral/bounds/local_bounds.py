@@ -119,7 +119,7 @@ def local_bound(
     # y with u_h + y >= g, D = |||y|||; B = <sigma, u_h + y - g> is its `complementarity`
     lifting = build_lifting(data.constraint, form, u_h, sigma)
     y = lifting.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    y_squares = lifting.layer.square_norms(form, *lifting.layer.function(y.nodal, y.bubbles))
+    y_squares = lifting.layer.square_norms(form, *lifting.layer.expand(y.nodal, y.bubbles))
     D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + y.missing_norm
 
     # S of u_h and of the feasible v = u_h + y (Lemma S18), and Theorem 8 (Proposition S14)
@@ -154,7 +154,7 @@ def _bound_residuals(
     u_residual = bound_residual(residual, tau_error, B)
     S_shares = residual.shares()
     # of v the hats and bubbles of y enter the residual, the norm of what else is in y is added to S
-    hats, bubbles = layer.function(y.nodal, y.bubbles)
+    hats, bubbles = layer.expand(y.nodal, y.bubbles)
     add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
     v_residual = bound_residual(residual, y.missing_norm + tau_error, B)
     return u_residual, v_residual, S_shares
@@ -179,8 +179,12 @@ def _add_lift_shares(
 def collect_bounds(
     data: EnclosedData, form: Form, errors: TotalErrors, D: float, remainder_norm: float, outflows: Array
 ) -> Bound:
-    """The Bound of these total errors; `remainder_norm` is that of the hats for the remainder of g."""
-    # what g and tau leave, and what f leaves times W, where ||z||_0 <= W |||z|||
+    """The Bound of these total errors.
+
+    `remainder_norm` is the energy norm of the hats that are in y for the remainder of g.
+    """
+    # polynomials enclose g and tau once for a problem, whatever the mesh: no finer mesh brings them nearer.
+    # Those of f do come nearer if f is resolved; what they leave counts times W, where ||z||_0 <= W |||z|||
     remainder = remainder_norm + data.given_flux.remainder_dual_norm(data.mesh, form)
     W = form.value_constant
     return Bound(

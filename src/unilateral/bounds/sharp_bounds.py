@@ -19,9 +19,9 @@ boundary but for clamped sides, div q, and q.n on the other sides, stay what the
 RT1 with those if the other sides make one arc; else those with the same flow through each row of clamped
 sides. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
 from w towards the solution of (1.1) with k dv/dn = tau~ on free sides and 0 elsewhere; at last it is made
-feasible. Both reduce
+feasible. For f_h, without rounding, S^2 + 2 B of a feasible v is at most eta^2, which both reduce,
 
-    ||q - k grad v||^2 / k + ||f_h + div q - c v||^2 / c + 2 <sigma, v - g>
+    eta^2 = ||q - k grad v||^2 / k + ||f_h + div q - c v||^2 / c + 2 <sigma, v - g>,
 
 independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
 conjugate gradients, and every iterate will do.
@@ -138,11 +138,14 @@ def _improve_flux_and_potential(
 ) -> tuple[_MisfitField, Array, Lift, int]:
     """The field of q + curl phi, d (size,) of v = w + d, the lift of v, and how many steps were made.
 
-    d has the hats and bubbles of that lift; v is feasible but for what else is in it.
+    d includes the hats and bubbles of that lift. To be feasible v still lacks the lift's extensions and its
+    hats for the remainder of g, whose norm is at most its `missing_norm`.
     """
     spaces = field.spaces
-    # in eta^2 2 <sigma, v> cancels what q.n = sigma adds to the load of v: of q.n tau~ alone is left
+    # v enters eta^2 by |||v|||^2 - 2 (f_h, v) - 2 <q.n, v> + 2 <sigma, v>. On sides with contact q.n = sigma,
+    # and the last two cancel; on free sides q.n = tau~ is left; on clamped ones v is given
     load = spaces.load(field.source.f_h) + spaces.edge_load(tau.end_values)
+    # until v is known 2 <sigma, v - g> of u_h + y stands for its own in eta^2, which only ends the steps
     d, phi, steps = _minimise_eta(lifting, field, load, 2 * y.shortfall.complementarity)
     nodal, bubbles = np.split(d[spaces.boundary_unknowns], 2)
     v_lift = lifting.make_feasible(field.w[spaces.mesh.boundary] + nodal, bubbles)

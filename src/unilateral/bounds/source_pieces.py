@@ -212,6 +212,7 @@ def _add_crossing_jumps(
     vertices = vertices[selection]
     widened = {step: value[selection] for step, value in steps.widened.items()}
     lower, upper = _taylor_model(vertices, scale, f, widened).range
+    # NaN: the curve is not near, or f was enclosed with both values. Then no area is wrong
     areas = [
         np.nan_to_num(steps.wrong_areas[step][selection]) + step_area_rounding(vertices, kink, scale)
         for step, kink in f.jumps.items()
