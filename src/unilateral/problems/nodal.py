@@ -70,14 +70,10 @@ def is_nodal_array(data: object) -> TypeGuard[Array]:
 def check_nodal_values(mesh: Mesh | None, array: Array, where: str, nodes: Index | None = None) -> Array:
     """The values that are given at the nodes of a mesh, (n,), finite at the nodes that count.
 
-    Raises InputError, beginning with `where`, for another shape, for what is no finite real number, and as
-    `read_nodal_values`.
+    Raises InputError, beginning with `where`, without a mesh, for another shape, for what is no finite real
+    number, and as `read_nodal_values`.
     """
-    if mesh is None:
-        raise InputError(
-            f"{where}: an array has a value for each node of a mesh; give the mesh in place of the polygon, "
-            "as in ul.Problem(mesh, f, g)"
-        )
+    mesh = _require_mesh(mesh, where)
     values = read_nodal_values(array, where)
     if values.shape != (mesh.n_nodes,):
         raise InputError(
@@ -94,11 +90,19 @@ def check_nodal_values(mesh: Mesh | None, array: Array, where: str, nodes: Index
     return values
 
 
+def _require_mesh(mesh: Mesh | None, where: str) -> Mesh:
+    """The mesh at whose nodes an array has values. Raises InputError for None, where a polygon was given."""
+    if mesh is None:
+        raise InputError(
+            f"{where}: an array has a value for each node of a mesh; give the mesh in place of the polygon, "
+            "as in ul.Problem(mesh, f, g)"
+        )
+    return mesh
+
+
 def make_trace(mesh: Mesh | None, values: Array, side: int, where: str) -> NodalTrace:
     """The values on a side; those at other nodes are not read. Raises InputError as `check_nodal_values`."""
-    if mesh is None:
-        check_nodal_values(None, values, where)
-    assert mesh is not None
+    mesh = _require_mesh(mesh, where)
     nodes, t = side_nodes(mesh, side)
     return NodalTrace(t, check_nodal_values(mesh, values, where, nodes)[nodes])
 
