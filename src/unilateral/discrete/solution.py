@@ -128,10 +128,10 @@ class DiscreteSolution:
         return bound.u if norm == "h1" else bound.lambda_
 
     def algebraic_bound(self, norm: str) -> float:
-        """The bound on the iteration's part of that error; for lambda it is divided by beta.
+        """The bound on the iteration's part of the error of u ("h1") or lambda ("hm12"), infinite if unknown.
 
-        It says when to stop. `total_bound` includes the error of the iteration, and does not rest on this
-        bound.
+        For lambda it is that of u over beta. It says when to stop. `total_bound` includes the error of the
+        iteration, and does not rest on this bound.
         """
         if norm == "hm12" and len(self.cells) == 0:
             return 0.0

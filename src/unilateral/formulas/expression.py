@@ -266,7 +266,7 @@ def count_subexpressions(formulas: tuple[Expression, ...]) -> dict[Subexpression
 
 
 def _direct_subexpressions(subexpression: Subexpression) -> list[Subexpression]:
-    """The powers in a sum, the base of a power, the arguments of a function."""
+    """The powers in a sum, the base of a power, the arguments of a function; (base, 1) is the base itself."""
     if isinstance(subexpression, Expression):
         return [power for product, _ in subexpression.terms for power in product]
     base, k = subexpression

@@ -98,7 +98,7 @@ class _Substitution(FormulaEvaluation):
 
 
 class _Expansion(FormulaEvaluation):
-    """Formulas that are multiplied out, numbers too."""
+    """Formulas with all products and whole powers of sums multiplied out, those of numbers, too."""
 
     def product(self, a: Expression, b: Expression) -> Expression:
         """The product of two sums, term by term."""

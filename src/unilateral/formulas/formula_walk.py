@@ -47,7 +47,10 @@ class Evaluation(ABC, Generic[V]):
         return self.product(value, self.evaluate(e))
 
     def constant(self, e: Expression) -> V:
-        """The value of an expression without variables."""
+        """The value of an expression without variables: the sum over its terms of c times the powers.
+
+        Where one rounded number will do, subclasses replace this by it.
+        """
         terms = (
             reduce(self.product, map(self._evaluate_power, powers), self.number(c)) for powers, c in e.terms
         )
@@ -64,10 +67,12 @@ class Evaluation(ABC, Generic[V]):
         return reduce(add, [*terms, self.evaluate(fixed)] if fixed.terms else terms)
 
     def _evaluate_term(self, times: Expression, powers: Sequence[Power]) -> V:
+        """The product of the powers, which have variables, times the factor without variables."""
         value = reduce(self.product, map(self._evaluate_power, powers))
         return value if times.rational == 1 else self.times(value, times)
 
     def _evaluate_power(self, power: Power) -> V:
+        """The value of base^k, computed once."""
         return self._compute_once(power, self._compute_power)
 
     def _compute_power(self, power: Power) -> V:

@@ -381,6 +381,7 @@ def syntax_hint(source: str, names: Sequence[str], least_power: int | None) -> s
             return substitution_hint(f"{product[1]}*{product[2]}", product[0])
         if {*product[2]} <= {*names}:
             return substitution_hint("*".join((product[1], *product[2])), product[0])
+        # x, y and z are no units, but coordinates, which this place does not have
         return "" if product[2] in ("x", "y", "z") else NO_UNITS
     if zeros := LEADING_ZEROS.search(source):
         return comma_hint(source) or substitution_hint(zeros[1], zeros[0])

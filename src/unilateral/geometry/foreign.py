@@ -85,7 +85,10 @@ def _warn_of_slight_corners(polygon: Polygon, where: str) -> None:
 
 
 def refine_within_memory(mesh: Mesh, halvings: int) -> Mesh:
-    """The mesh with every edge halved so many times. Raises InputError for what is no such number."""
+    """The mesh with every edge halved so many times.
+
+    Raises InputError for what is no whole number up to MAX_MESH_HALVINGS, and if too little memory is free.
+    """
     is_whole = isinstance(halvings, int | np.integer) and not isinstance(halvings, bool)
     if not is_whole or not 0 <= halvings <= MAX_MESH_HALVINGS:
         raise InputError(

@@ -247,7 +247,10 @@ def triangulate_from_boundary(polygon: Polygon, s: ArrayLike, growth: float | No
 def triangulate_from_cells(
     partition: Partition, edges_per_cell: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
-    """A mesh by gmsh with equal boundary edges in every cell of a partition, and that, both then halved."""
+    """A mesh by gmsh with `edges_per_cell` equal boundary edges in every cell, and the partition.
+
+    The edges of both are then halved `halvings` times.
+    """
     edges = partitions.divide_cells(partition, edges_per_cell)
     mesh = triangulate_from_boundary(partition.polygon, edges.points[:-1], growth)
     return refine_uniformly(mesh, halvings), partitions.divide_cells(partition, 2**halvings)

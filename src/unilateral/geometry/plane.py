@@ -31,7 +31,7 @@ def signed_areas(points: Array, triangles: Index) -> Array:
 
 
 def longest_edges(points: Array, triangles: Index) -> Array:
-    """The longest edge of each triangle, (m,)."""
+    """The length of the longest edge of each triangle, (m,)."""
     longest = np.empty(len(triangles))
     for block in row_blocks(len(longest)):
         x, y = points.T[:, triangles[block].T]

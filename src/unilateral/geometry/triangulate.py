@@ -26,8 +26,8 @@ GMSH_OPTIONS = {"General.Terminal": 0, "General.NumThreads": 1, "Mesh.Algorithm"
 def triangulate(boundary_edges: Partition, growth: float | None = None) -> tuple[Array, Index]:
     """Points (n, 2) and anticlockwise triangles (m, 3), whose boundary edges are exactly the given ones.
 
-    The triangles' size follows the boundary edges' or, with `growth`, is the smallest over the boundary of
-    the edges' length plus `growth` times the distance.
+    The triangles' size follows the boundary edges' or, with `growth`, is the least of (edge length + `growth`
+    times the distance from that edge) over all boundary edges.
     """
     polygon = boundary_edges.polygon
     exact = boundary_edges.ends[0]
@@ -42,11 +42,11 @@ def triangulate(boundary_edges: Partition, growth: float | None = None) -> tuple
             _set_sizes(nodes, boundary_edges.lengths / scale, growth)
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        cells = gmsh.model.mesh.getElementsByType(2)[1]
+        triangle_tags = gmsh.model.mesh.getElementsByType(2)[1]
     finally:
         gmsh.finalize()
     # gmsh's nodes by their tags, from a unit domain about 0, and those of the boundary as they were given
-    used, triangles = np.unique(cells, return_inverse=True)
+    used, triangles = np.unique(triangle_tags, return_inverse=True)
     order = np.argsort(tags)
     places = coordinates.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)], :2]
     points = polygon.vertices[0] + scale * places

@@ -189,7 +189,10 @@ def _evaluate_at_rule(functions: Callable[..., tuple[Array, ...]], rule: Triangl
 def _difference_at_rule(
     rule: TriangleRule, u: Array, grad_u: Array, nodal: Array, grad_v: Array
 ) -> tuple[Array, Array]:
-    """u - v_h (k, q) and its gradient (k, q, 2) at the rule's points."""
+    """u - v_h (k, q) and its gradient (k, q, 2) at the rule's points.
+
+    On each triangle v_h has the values `nodal` (m, 3) at the corners, and the gradient `grad_v` (m, 2).
+    """
     value = u - np.einsum("kb,kqb->kq", nodal[rule.triangle], rule.barycentric)
     return value, grad_u - grad_v[rule.triangle][:, None]
 

@@ -74,7 +74,7 @@ def as_side_numbers(values: object, n: int, where: str) -> list[int]:
 
 
 def as_side_number(value: Any, n: int, where: str) -> int:
-    """The number of one of n sides."""
+    """The number of one of n sides. Raises InputError for what is none; True and False are none."""
     side = -1
     hint = "; a side is a whole number"
     with suppress(TypeError):

@@ -104,7 +104,7 @@ def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[flo
 
 
 def _range_on_boxes(formula: Expression, boxes: Array) -> IntervalArrays:
-    """Lower and upper bounds on the formula on the boxes, (k,) each."""
+    """Lower and upper bounds on the formula on the boxes (k, 2, 2): box, axis, ends; (k,) each."""
     lower = np.empty(len(boxes))
     upper = np.empty(len(boxes))
     for block in row_blocks(len(boxes), BOXES_PER_BLOCK):

@@ -89,7 +89,7 @@ def load_domain(name: str) -> Problem:
 
 
 def build_from_declaration(declaration: Any, where: str, name: str | None = None) -> Problem:
-    """The problem with the fields of a declaration; errors begin with `where` these come from.
+    """The problem with the fields of a declaration; errors begin with `where`, the file they come from.
 
     Its name is by default that of the file `where`, without the ending.
     """

@@ -157,6 +157,7 @@ class ActiveSetRun:
             self._sweep_inner_nodes(z, 0, last, 1)
             self.coarse_correction.correct(grid.hierarchy.A, z, self.r)
             self._sweep_inner_nodes(z, last - 1, -1, -1)
+            # z only: r does not change any more, so the multiplier of this correction is dropped
             ring_residual = self.r[ring] - grid.ring_rows @ z
             z[ring] += self.saddle_factors.solve(np.concatenate([ring_residual, zero]))[: len(ring)]
         return z

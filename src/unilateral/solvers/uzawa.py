@@ -100,15 +100,31 @@ def uzawa(
     apply: ApplyS | None = None,
     observe: ObserveStep | None = None,
 ) -> DualResult:
-    """Iterates lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)) until the bound is at most `tolerance`.
+    """lambda_H and its bound, by lambda^{n+1} = max(0, lambda^n - rho F(lambda^n)).
 
-    `offset` (m,) is F(0), `start` (m,) >= 0 is by default 0, `rho` UZAWA_STEP_FACTOR / lambda_max(S). Another
-    `method` of `uzawa_steps.STEP_METHODS` makes its own steps instead, with rho by default 1 / lambda_max(S).
-    `apply(y, out)` computes S y in another way than `ContactColumns`; what is guaranteed is then so for the S
-    y that it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
-    floating point warns and has converged False. Raises InputError for an offset, a rho or a tolerance that
-    cannot be meant, for "newton" where S is singular, and for data or a start from which the first residual
-    is not below MAX_RESIDUAL.
+    Parameters
+    ----------
+    offset : (m,)
+        F(0).
+    tolerance
+        The iteration ends when the bound in ||.||_{-1/2,h} is at most this.
+    rho, start
+        By default UZAWA_STEP_FACTOR / lambda_max(S), and 0; `start` (m,) has to be >= 0.
+    max_steps
+        A run that ends by these, or leaves the range of floating point, warns and has converged False.
+    method
+        Another one of `uzawa_steps.STEP_METHODS` makes its own steps, with its own rho by default.
+    apply
+        `apply(y, out)` computes S y in another way than `ContactColumns`. What is guaranteed is then so for
+        the S y that it finds.
+    observe
+        `observe(y, F, R)` sees every step.
+
+    Raises
+    ------
+    InputError
+        For an offset, a rho or a tolerance that cannot be meant, for "newton" where S is singular, and for
+        data or a start from which the first residual is not below MAX_RESIDUAL.
     """
     check_offset(offset, tolerance)
     rho = _choose_rho(operator, method, rho)
