@@ -1,10 +1,10 @@
-"""A solver of one's own, judged: P1 and nodal constraints by FEniCSx 0.5, with PETSc's SNESVI.
+"""Solves exported cases with FEniCSx 0.5: P1, constraints at the nodes, PETSc's SNESVI.
 
     unilateral export natural --h 1/32 --H 1/16 --levels 3 --out natural
     python examples/score_fenicsx.py natural
     unilateral score natural natural_fenicsx_?.csv
 
-Only the exported files are read; nothing of `unilateral` is imported.
+The program reads only the exported files, and does not import `unilateral`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 MISSING = 5
-"""The exit code without FEniCSx."""
+"""Exit code if FEniCSx is missing."""
 try:
     import numpy as np
     import ufl
@@ -30,13 +30,13 @@ except ImportError:
 
 
 def triangles(file: Path) -> np.ndarray:
-    """(m, 3) of the text format of Gmsh; `dolfinx.io.gmshio` reads it as well, where Gmsh is installed."""
+    """Triangles (m, 3) of a text file of Gmsh; `dolfinx.io.gmshio` reads it, too, but needs Gmsh."""
     rows = [line.split() for line in file.read_text().partition("$Elements")[2].splitlines()]
     return np.array([row[-3:] for row in rows if len(row) > 3 and row[1] == "2"], dtype=np.int64) - 1
 
 
 def variational_inequality(A: PETSc.Mat, b: PETSc.Vec, lower: PETSc.Vec) -> PETSc.Vec:
-    """The x >= lower with A x >= b, where = holds for x > lower."""
+    """Solution x >= lower of A x >= b, with equality where x > lower."""
     x, residual, upper = A.createVecRight(), A.createVecRight(), A.createVecRight()
     upper.set(PETSc.INFINITY)
     snes = PETSc.SNES().create(MPI.COMM_SELF)
@@ -54,7 +54,7 @@ def variational_inequality(A: PETSc.Mat, b: PETSc.Vec, lower: PETSc.Vec) -> PETS
 
 
 def solved(level: Path) -> np.ndarray:
-    """(n, 4) x, y, u and reaction at the nodes of a level."""
+    """Table x, y, u, reaction (n, 4) of the nodes of a level."""
     nodes = np.genfromtxt(level / "nodes.csv", delimiter=",", names=True)
     points = np.column_stack([nodes["x"], nodes["y"]])
     element = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.triangle, 1))

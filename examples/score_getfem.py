@@ -1,11 +1,11 @@
-"""A solver of one's own, judged: P1 and means over cells by GetFEM, with an augmented Lagrangian.
+"""Solves exported cases with GetFEM: P1, constraints on means over cells, an augmented Lagrangian.
 
     unilateral export natural --h 1/32 --H 1/16 --levels 3 --out natural
     python examples/score_getfem.py natural
     unilateral score natural natural_getfem_?.csv --multiplier natural_getfem_0_cells.csv \
         --multiplier natural_getfem_1_cells.csv --multiplier natural_getfem_2_cells.csv
 
-Only the exported files are read; nothing of `unilateral` is imported.
+The program reads only the exported files, and does not import `unilateral`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 MISSING = 5
-"""The exit code without GetFEM."""
+"""Exit code if GetFEM is missing."""
 try:
     import getfem as gf
     import numpy as np
@@ -26,7 +26,7 @@ except ImportError:
 
 
 def means(nodes: np.ndarray, cells: np.ndarray, dof: np.ndarray, perimeter: float) -> gf.Spmat:
-    """(m, n) of the hats over the cells; `dof` (n,) of each node."""
+    """Means (m, n) of the hat functions over the cells; `dof` (n,) has the column of each node."""
     order = np.argsort(nodes["s"])[: np.isfinite(nodes["s"]).sum()]  # along the boundary
     s, B = nodes["s"][order], gf.Spmat("empty", len(cells), len(nodes))
     after = np.append(s[1:], perimeter)
@@ -41,11 +41,11 @@ def means(nodes: np.ndarray, cells: np.ndarray, dof: np.ndarray, perimeter: floa
 
 
 def solved(level: Path) -> tuple[np.ndarray, np.ndarray]:
-    """x, y, u (n, 3) at the nodes of a level, and start, end, multiplier (m, 3) of its cells."""
+    """Table x, y, u (n, 3) of the nodes of a level, and table start, end, multiplier (m, 3) of its cells."""
     nodes, cells = (
         np.genfromtxt(level / f"{name}.csv", delimiter=",", names=True) for name in ("nodes", "partition")
     )
-    held = np.isfinite(cells["g_mean"])  # but for cells on free sides
+    held = np.isfinite(cells["g_mean"])  # cells on sides that are not free
     mesh = gf.Mesh("import", "gmsh", str(level / "mesh.msh"))
     V, rule = gf.MeshFem(mesh, 1), gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     V.set_classical_fem(1)
@@ -59,7 +59,7 @@ def solved(level: Path) -> tuple[np.ndarray, np.ndarray]:
     model.add_Laplacian_brick(rule, "u")
     model.add_mass_brick(rule, "u")
     model.add_explicit_rhs("u", nodes["load"][node])
-    model.add_variable("force", held.sum())  # over each cell: B u <= gap says that the mean of u is >= g's
+    model.add_variable("force", held.sum())  # B u <= gap: on each cell, mean u >= mean g
     model.add_initialized_data("r", [1.0])
     model.add_initialized_data("gap", -cells["g_mean"][held])
     model.add_initialized_data("alpha", [1.0])

@@ -1,10 +1,10 @@
-"""A solver of one's own, judged: P1 and nodal constraints by NGSolve, with a primal-dual active set.
+"""Solves exported cases with NGSolve: P1, constraints at the nodes, a primal-dual active set.
 
     unilateral export natural --h 1/32 --H 1/16 --levels 3 --out natural
     python examples/score_ngsolve.py natural
     unilateral score natural natural_ngsolve_?.csv
 
-Only the exported files are read; nothing of `unilateral` is imported.
+The program reads only the exported files, and does not import `unilateral`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 MISSING = 5
-"""The exit code without NGSolve."""
+"""Exit code if NGSolve is missing."""
 try:
     import ngsolve as ng
     import numpy as np
@@ -25,7 +25,7 @@ except ImportError:
 
 
 def active_set(A, load: np.ndarray, held: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """u (n,) and the reactions (n,): u >= g at the nodes `held` (k,), from contact everywhere on."""
+    """u (n,) and the reactions (n,), with u >= g at the nodes `held` (k,); the first set is all of `held`."""
     x, r = A.CreateColVector(), A.CreateColVector()
     u, reactions, contact = x.FV().NumPy(), r.FV().NumPy(), np.ones(len(held), dtype=bool)
     u[:] = 0
@@ -48,7 +48,7 @@ def active_set(A, load: np.ndarray, held: np.ndarray, g: np.ndarray) -> tuple[np
 
 
 def solved(level: Path) -> np.ndarray:
-    """(n, 4) x, y, u and reaction at the nodes of a level; Netgen keeps the order of the file's nodes."""
+    """Table x, y, u, reaction (n, 4) of the nodes of a level; Netgen keeps the order of the file's nodes."""
     mesh = ng.Mesh(ReadGmsh(str(level / "mesh.msh")))
     nodes = np.genfromtxt(level / "nodes.csv", delimiter=",", names=True)
     V = ng.H1(mesh, order=1)

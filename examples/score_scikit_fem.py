@@ -1,4 +1,4 @@
-"""A solver of one's own, judged: P1 and nodal constraints by scikit-fem, with a primal-dual active set.
+"""Solves exported cases with scikit-fem: P1, constraints at the nodes, a primal-dual active set.
 
 Sides may be clamped, and c may be 0.
 
@@ -6,7 +6,7 @@ Sides may be clamped, and c may be 0.
     python examples/score_scikit_fem.py natural
     unilateral score natural natural_level_?.csv
 
-Only the exported files are read; nothing of `unilateral` is imported.
+The program reads only the exported files, and does not import `unilateral`.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from skfem.helpers import dot, grad
 
 @BilinearForm
 def form(u, v, w):
-    """(grad u, grad v) + c (u, v)."""
+    """Bilinear form (grad u, grad v) + c (u, v)."""
     return dot(grad(u), grad(v)) + w.c * u * v
 
 
 def load(level: Path, triangles: np.ndarray, n: int) -> np.ndarray:
-    """(n,) values of (f, phi_i), by the exported quadrature."""
+    """Load (f, phi_i) (n,) of the nodes, by the exported quadrature."""
     rule = xr.load_dataset(level / "quadrature.nc")
     weighted = (rule.weight * rule.f).values[:, None] * rule.barycentric.values
     return np.bincount(triangles[rule.triangle.values].ravel(), weighted.ravel(), n)
 
 
 def signorini(A, f: np.ndarray, g: np.ndarray, u_D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """u (n,) and the reactions (n,): u >= g and u = u_D at the nodes that have one, an active set."""
+    """u (n,) and the reactions (n,), with u >= g at nodes that have g, and u = u_D at those that have u_D."""
     boundary, clamped = (np.flatnonzero(np.isfinite(each)) for each in (g, u_D))
     active, scale = boundary, A.diagonal()
     for _ in range(100):
@@ -55,9 +55,9 @@ def signorini(A, f: np.ndarray, g: np.ndarray, u_D: np.ndarray) -> tuple[np.ndar
 
 
 def solved(level: Path, c: float) -> pd.DataFrame:
-    """x, y, u and reaction at the nodes of a level."""
+    """Table of x, y, u and reaction at the nodes of a level."""
     mesh, nodes = MeshTri.load(level / "mesh.vtu"), pd.read_csv(level / "nodes.csv")
-    triangles = meshio.read(level / "mesh.vtu").cells_dict["triangle"]  # scikit-fem turns some of its own
+    triangles = meshio.read(level / "mesh.vtu").cells_dict["triangle"]  # scikit-fem turns some triangles
     A = form.assemble(Basis(mesh, ElementTriP1()), c=c)
     u, reaction = signorini(A, load(level, triangles, len(nodes)), nodes.g.to_numpy(), nodes.u_D.to_numpy())
     return pd.DataFrame({"x": mesh.p[0], "y": mesh.p[1], "u": u, "reaction": reaction})

@@ -238,8 +238,8 @@ def solve(
         raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
     if problem.mesh is not None:
         raise InputError(
-            f"'{problem.name}' was made of a mesh and is solved on it; give H, or make the problem of the "
-            "polygon, for an accuracy chooses the mesh"
+            f"'{problem.name}' has a mesh of its own, and an accuracy chooses meshes; give H instead, or "
+            "make the problem from the polygon"
         )
     if problem.has_functions:
         raise InputError(
@@ -335,7 +335,7 @@ def _as_mesh_of_problem(problem: problems.Problem, mesh_or_points: object) -> Me
         and np.array_equal(triangulation.triangles, problem_mesh.triangles)
     ):
         raise InputError(
-            f"'{problem.name}' was made of another mesh; give that one, for its arrays belong to it"
+            f"'{problem.name}' has arrays at the nodes of another mesh; give the mesh of the problem"
         )
     return problem_mesh or triangulation
 

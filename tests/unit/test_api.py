@@ -386,7 +386,7 @@ def test_bounds_that_contradict_each_other_are_none():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"h": 1 / 8}, "h and H are needed, and H is missing; for formulas ul.solve takes an accuracy in"),
+        ({"h": 1 / 8}, "h and H are needed, and H is missing; if all data are formulas, ul.solve takes an"),
         ({"absolute": True}, "absolute is only for an accuracy; leave it out, or give an accuracy"),
         ({"H": 1 / 8}, "and h is missing"),
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
@@ -552,7 +552,7 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
         ({"u": {1: 0}, "q": [None, np.hypot, None, None]}, "field q[1]: side 1 is clamped; write null"),
         (
             {"u": {1: "None"}},
-            "field u[1]: 'None' is no formula; write what u is there, such as 0, or leave the",
+            "field u[1]: 'None' is no formula; write the value of u, such as 0, or leave the",
         ),
         ({"k": math.nan}, "field k: it is nan; it has to be a finite number"),
         ({"k": lambda x, y: 1}, "field k: it is <function"),

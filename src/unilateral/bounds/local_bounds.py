@@ -224,5 +224,5 @@ def check_discrete_solution(
     cells = np.flatnonzero(~form.has_multiplier(partition.side) & (lambda_H > 0))
     if cells.size:
         raise InputError(
-            f"lambda_H is not 0 on side {partition.side[cells[0]]}, which has no contact; it must be"
+            f"lambda_H is not 0 on side {partition.side[cells[0]]}, which has no contact; it must be 0 there"
         )

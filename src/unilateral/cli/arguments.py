@@ -76,7 +76,9 @@ problem_argument = click.argument(
     help="the name of a case, or a YAML file that declares a problem or a case",
 )
 json_option = click.option("--json", is_flag=True, help="print one JSON object, and nothing else")
-sharp_option = click.option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
+sharp_option = click.option(
+    "--sharp", is_flag=True, help="tighter bounds, above all for lambda, which take longer"
+)
 output_option = click.option(
     "-o",
     "--output",

@@ -44,7 +44,7 @@ def init_command(file: str) -> None:
 )
 @click.argument("file", type=FILE_TYPE, help="a YAML file that declares a problem")
 @click.option(
-    "--out", type=FILE_TYPE, metavar="PICTURE", help="a .svg, .png or .pdf file in which it is drawn"
+    "--out", type=FILE_TYPE, metavar="PICTURE", help="a .svg, .png or .pdf file with a drawing of the problem"
 )
 def check_command(file: str, out: str | None) -> None:
     """Show how a problem file is read, before anything is solved."""
@@ -82,7 +82,7 @@ def check_command(file: str, out: str | None) -> None:
     "--polygon",
     metavar="NAME|FILE",
     shell_complete=complete_polygon,
-    help="for one case: this polygon, or that of a problem file (default: all that it is made for)",
+    help="for one case: this polygon, or that of a problem file (default: all polygons of the case)",
 )
 @click.option(
     "--side", type=int, metavar="I", help="for one case: the side on which it is placed (default 0)"
@@ -156,7 +156,7 @@ def cases_command(name: str | None, form: str, polygon: str | None, side: int | 
     type=FOLDER_TYPE,
     metavar="DIR",
     required=True,
-    help="a new folder for all files; one that is there is refused",
+    help="a new folder for all files; an existing folder is refused",
 )
 def export_command(h: float | None, mesh: str | None, **options: Any) -> None:
     """Write a case as files for another solver.
@@ -221,13 +221,14 @@ def score_command(**options: Any) -> int:
     "--h",
     type=parse_positive,
     metavar="EDGE",
-    help="in place of --mesh: the longest boundary edge of a mesh that is made",
+    help="instead of --mesh: the longest boundary edge of the mesh that the command makes",
 )
 @click.option(
     "--polygon",
     metavar="NAME|FILE",
     shell_complete=complete_polygon,
-    help="a named one, or that of a problem file; with --mesh the default is what the triangles cover",
+    help="a named polygon, or that of a problem file; with --mesh the default is the polygon that the "
+    "triangles cover",
 )
 @click.option(
     "--cells",
@@ -236,7 +237,7 @@ def score_command(**options: Any) -> int:
     help="N equal cells per side, or a CSV file with the columns start, end",
 )
 @click.option(
-    "--H", "H", type=parse_positive, metavar="CELL", help="in place of --cells: the size of equal cells"
+    "--H", "H", type=parse_positive, metavar="CELL", help="instead of --cells: the size of equal cells"
 )
 @json_option
 def infsup_command(**options: Any) -> None:

@@ -259,7 +259,7 @@ def describe_plan(name: str, search: Search, as_json: bool) -> str:
     if plan.adapted:
         why = "adapted meshes, because a few triangles contribute most of the bound"
     elif refinement_pays(last):
-        why = "uniform meshes, because the norm, bound, mesh or algorithm that was asked for needs them"
+        why = "uniform meshes, because the norm, bound, mesh or algorithm that you chose needs them"
     else:
         why = "uniform meshes, because all triangles contribute much the same to the bound"
     rule = "H = 2h, because lambda_H may be unstable where edges are longer than half of a cell"

@@ -60,8 +60,8 @@ from unilateral.system.signals import EXIT_INTERRUPTED
 
 DEFAULT_ACCURACY_NOTE = f"no sizes and no accuracy are given; using --accuracy {DEFAULT_ACCURACY:g}"
 TOO_COARSE_HINT = (
-    "the bound does not rule out an error as large as u itself; "
-    f"--accuracy {DEFAULT_ACCURACY:g} in place of --h and --H refines the mesh where the bound comes from"
+    "the bound allows an error as large as u itself; "
+    f"--accuracy {DEFAULT_ACCURACY:g} instead of --h and --H refines the mesh where the bound is large"
 )
 MIN_ANNOUNCED_SECONDS = 5.0
 """A level that is expected to take this many seconds is announced on a terminal."""

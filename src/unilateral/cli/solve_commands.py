@@ -62,14 +62,14 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--accuracy",
     type=parse_positive,
     metavar="A",
-    help="relative error to reach, such as 1e-2, in place of sizes: h, H and the stop are chosen; Ctrl-C "
-    f"keeps the best so far (default {DEFAULT_ACCURACY:g}, where no sizes are given)",
+    help="relative error to reach, such as 1e-2, instead of sizes; the program chooses h, H and the "
+    f"tolerance; Ctrl-C keeps the best solution so far (default {DEFAULT_ACCURACY:g} if no sizes are given)",
 )
-@click.option("--absolute", is_flag=True, help="with --accuracy: absolute instead of relative error")
+@click.option("--absolute", is_flag=True, help="with --accuracy: the accuracy is the absolute error")
 @click.option(
     "--dry-run",
     is_flag=True,
-    help="with --accuracy: only estimate what it would take: unknowns, seconds, MB and the kind of meshes",
+    help="with --accuracy: only estimate the cost: unknowns, seconds, MB and the kind of meshes",
 )
 @click.option(
     "--norm",
@@ -81,20 +81,21 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--max-unknowns",
     type=parse_count,
     metavar="N",
-    help="with --accuracy: limit for the finest mesh (default: what the memory allows)",
+    help="with --accuracy: limit for the finest mesh (default: as many as the memory allows)",
 )
 @click.option(
     "--max-seconds",
     type=parse_positive,
     metavar="S",
-    help="with --accuracy: time limit; the best so far is kept, with its bound "
+    help="with --accuracy: time limit; the best solution so far is kept, with its bound "
     f"(default {DEFAULT_MAX_SECONDS:g})",
 )
 @click.option(
     "--max-memory",
     type=parse_positive,
     metavar="MB",
-    help="with --accuracy: memory limit for this process; the best so far is kept (default: what is free)",
+    help="with --accuracy: memory limit for this process; the best solution so far is kept (default: the "
+    "free memory)",
 )
 @click.option(
     "--polygon",
@@ -119,7 +120,7 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     metavar="KIND|FILE",
     shell_complete=lambda ctx, param, incomplete: arguments.complete_names(incomplete, [*MESH_KIND_NAMES]),
     help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
-    "default: structured on unit squares or without gmsh, and with --accuracy refined where it pays",
+    "default: structured on unit squares or without gmsh; with --accuracy refined where the bound is large",
 )
 @click.option(
     "--algorithm",
@@ -201,9 +202,7 @@ def _check_alternatives(
 @click.option(
     "--mesh", type=FILE_TYPE, metavar="FILE", help="the triangles (default: those of the solution's file)"
 )
-@click.option(
-    "--field", metavar="NAME", help="the nodal values that are meant (default: u, or the only ones)"
-)
+@click.option("--field", metavar="NAME", help="the name of the nodal values (default: u, or the only ones)")
 @arguments.json_option
 @arguments.output_option
 @arguments.certificate_option

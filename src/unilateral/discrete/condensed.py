@@ -245,8 +245,8 @@ def discretise_on_condensed_spaces(
     """
     if len(spaces.cells) and not spaces.operator.lambda_max:
         raise InputError(
-            f"the mesh of '{spaces.mesh.polygon.name}' has no node in contact that is not on a clamped side;"
-            " take a smaller h, or ul.mesh(mesh, halvings=1) of your own mesh"
+            f"in the mesh of '{spaces.mesh.polygon.name}' every node on a side with contact is on a clamped "
+            "side, too; take a smaller h, or ul.mesh(mesh, halvings=1) of your own mesh"
         )
     if problem.exact:
         return discretise_case(spaces, project_case(problem.exact, spaces))

@@ -116,7 +116,7 @@ def _describe_residual(residual: Residual) -> Fault:
     x, y = residual.find_worst_place()
     return describe_unknown_fault(
         "the equation does not hold inside the domain",
-        "the linear solve stopped too early, the load is another one, or u is not meant as P1",
+        "the linear solve stopped too early, the load differs, or u is not a P1 function",
         f"the residual is {residual.interior_norm:.2g} in {residual.names[1]}, and largest at ({x:g}, {y:g})",
     )
 

@@ -46,12 +46,12 @@ LEVEL_FILES = {
     "quadrature.nc": "points, weights and f in the triangles; s, weights and g on the boundary edges",
     "partition.csv": "the cells of T_H by arc length and place, with the mean of g on each",
 }
-FREE_SIDES_PARAGRAPH = "\nOn the sides {} there is no obstacle: ∂u/∂n = 0. λ = 0 is to be handed in there.\n"
+FREE_SIDES_PARAGRAPH = "\nOn the sides {} there is no obstacle: ∂u/∂n = 0. Hand in λ = 0 there.\n"
 CLAMPED_SIDES_PARAGRAPH = """
 Clamped sides: {sides}. There u = u_D is given, and there is no obstacle and no λ. u_D is {values}.
 In P1 u has the values u_D at the nodes of clamped sides, ends included: the column `u_D` of `nodes.csv`.
 In the weak form below v ≥ g means v = u_D there, and in the mixed form v = 0.
-λ is to be handed in on the other sides. What stands for it on clamped sides is not looked at; 0 will do.
+Hand in λ on the other sides. Values of λ on clamped sides are ignored; they may be 0.
 """
 REACTION_TERMS = {
     "u_term": " + u",

@@ -185,8 +185,8 @@ def _refuse_other_mesh(
     advice = ", or write places with more digits" if is_rounding else ""
     raise InputError(
         f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of "
-        f"{nearest_level.name}, the nearest one, the first at {_first_place(points, far)}; "
-        f"solve on that mesh{advice}"
+        f"{nearest_level.name}, the most similar level, the first at {_first_place(points, far)}; "
+        f"solve on the mesh of a level{advice}"
     )
 
 

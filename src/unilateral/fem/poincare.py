@@ -100,7 +100,7 @@ def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     if constant == math.inf:
         height = float((2 * graded.areas / graded.longest_edges).min()) / polygon.diameter
         raise InputError(
-            f"{needed}, which rounding hides, for triangles have heights down to {height:.1g} of the "
+            f"{needed}, which rounding hides, because triangles have heights down to {height:.1g} of the "
             "diameter; make the polygon thicker or its short sides longer, or take c near k/diameter^2"
         )
     return constant

@@ -31,10 +31,10 @@ READER_SECONDS_PER_MB = 5.0
 on for ever where a file's end is missing."""
 MESH_FORMAT_ADVICE = "save the mesh as .msh of Gmsh or as .vtu"
 REFUSED_SUFFIXES = {
-    ".cgns": "files of CGNS are not read, for meshio reads only what it wrote itself in older versions",
-    ".ele": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
-    ".node": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
-    ".wkt": "files of WKT are not read, for their reader may go on for ever and cannot be stopped",
+    ".cgns": "files of CGNS are not read, because meshio reads only those that its older versions wrote",
+    ".ele": "files of Triangle and TetGen are not read, because meshio reads only tetrahedra from them",
+    ".node": "files of Triangle and TetGen are not read, because meshio reads only tetrahedra from them",
+    ".wkt": "files of WKT are not read, because their reader may never end and cannot be stopped",
 }
 """Endings of files that are not given to meshio, and why."""
 FREEFEM_FIRST_LINE = re.compile(r"\s*\d+\s+\d+\s+\d+\s*")
@@ -125,7 +125,7 @@ def read_mesh(path: str | PathLike[str], polygon: Polygon | None = None, corners
     unused = np.setdiff1d(np.arange(len(points)), used)
     dropped = pluralise(len(unused), "node of no triangle is", "nodes of no triangle are")
     message = (
-        "its triangles are of second order; the linear function with its values at their corners is taken"
+        "its triangles are of second order; the linear function with the values at their corners is used"
         if second_order
         else f"{dropped} left out, such as node {describe_node(points[:, :2], int(unused[0]))}; the other "
         "nodes are numbered anew"
@@ -164,7 +164,7 @@ def read_with_meshio(path: str | PathLike[str]) -> Any:
         ) from error
     except OutOfTime as error:
         cause = error
-        why = "its reader does not end, as where the end of the file is missing"
+        why = "reading it does not end; the file may be cut off"
     except (Exception, SystemExit) as error:  # of several readers, for files of any content
         cause = error
         why = _find_usual_fault(path, suffix) or _explain_stop(error, printed.getvalue())
@@ -180,7 +180,7 @@ def _find_usual_fault(path: str | PathLike[str], suffix: str) -> str:
     with open(path, encoding="utf-8", errors="replace") as file:
         for number, line in enumerate(file, start=1):
             if number == 1 and suffix == ".msh" and FREEFEM_FIRST_LINE.fullmatch(line):
-                return "it is a .msh of FreeFEM, which is not read, while FreeFEM's .mesh is"
+                return "it is a .msh of FreeFEM, and only .mesh of FreeFEM is read"
             if DECIMAL_COMMA.search(line):
                 return f"line {number} has a number with a decimal comma, '{quote_input(line.strip())}'"
     return ""
@@ -195,7 +195,7 @@ def _explain_stop(error: BaseException, printed: str) -> str:
     if isinstance(error, meshio.ReadError) and str(error):
         return _one_line(error)
     cause = type(error).__name__ + (f": {_one_line(error)}" if str(error) else "")
-    return f"its end is missing or it is not what its ending says (meshio stopped with {cause})"
+    return f"it is cut off, or has not the format of its ending (meshio stopped with {cause})"
 
 
 def read_partition(path: str | PathLike[str], polygon: Polygon) -> Partition:

@@ -58,7 +58,7 @@ def _warn_of_moved_nodes(outline: Outline, points: Array, mesh: Mesh, where: str
         nodes = pluralise(n_moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
-            f"of up to {np.degrees(outline.max_rounding_turn):.2g} degrees, are taken for rounding of "
+            f"of up to {np.degrees(outline.max_rounding_turn):.2g} degrees, are attributed to rounding of "
             f"coordinates, and {nodes} moved onto the sides, node {describe_node(points, farthest)} by "
             f"{away[farthest]:.2g}",
             SolutionWarning,
@@ -101,7 +101,7 @@ def refine_within_memory(mesh: Mesh, halvings: int) -> Mesh:
     if needed > free:
         raise InputError(
             f"halvings = {halvings} makes a mesh of about {4.0**halvings * mesh.n_nodes:.2g} nodes, which "
-            f"takes {needed:.0f} MB, and {free:.0f} MB are free; take fewer"
+            f"takes {needed:.0f} MB, and {free:.0f} MB are free; take fewer halvings"
         )
     return refine_uniformly(mesh, int(halvings))
 
@@ -161,7 +161,7 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
     if points.size == 0:
         raise InputError(f"{where}: there are no nodes; a mesh of plain triangles is needed")
     if points.ndim != 2 or any(block.size and block.shape[1:] != (3,) for block in blocks):
-        raise InputError(f"{where}: no mesh can be read from it (its end is missing)")
+        raise InputError(f"{where}: no mesh can be read from it, because it is cut off")
     triangles = np.concatenate([np.empty((0, 3), int), *(block for block in blocks if block.size)])
     if not len(triangles):
         raise InputError(f"{where}: there are no triangles; a mesh of plain triangles is needed")

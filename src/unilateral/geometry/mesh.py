@@ -195,9 +195,9 @@ def build_conforming_mesh(
     gap = np.flatnonzero(edges[order, 1] != np.roll(boundary, -1))
     if gap.size:
         raise InputError(
-            f"{where}: the boundary edges do not cover polygon '{polygon.name}' once; another one has to "
-            "begin where the one that begins at node "
-            f"{triangulation_checks.describe_node(points, boundary[gap[0]])} ends"
+            f"{where}: the boundary edges do not cover polygon '{polygon.name}' once; an edge is missing "
+            "after the edge that begins at node "
+            f"{triangulation_checks.describe_node(points, boundary[gap[0]])}"
         )
     points = triangulation_checks.snap_to_sides(polygon, points, boundary, side[order], reach, where)
     s = _snap_arc_lengths(polygon, side[order], s[order])

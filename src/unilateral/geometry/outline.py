@@ -201,7 +201,7 @@ def _explain_boundary_fault(points: Array, triangles: Index, edges: Index) -> st
     """The reason why boundary edges are not one closed line, as words for a message."""
     components = _count_components(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
     if components > 1:
-        return f"they are {components} separate parts, of which one may be given"
+        return f"the triangles form {components} separate parts; give one of them"
     twice = np.flatnonzero(np.bincount(edges[:, 0]) > 1)
     if twice.size:
         return f"it meets itself at node {describe_node(points, twice[0])}"

@@ -193,5 +193,5 @@ def _check_arc_lengths(polygon: Polygon, points: Array) -> None:
         raise InputError(
             f"partition: vertex {first % polygon.n_sides} of polygon '{polygon.name}', "
             f"at arc length {polygon.starts[first]:.17g}, is missing from the points; "
-            "every vertex has to be one"
+            "every vertex has to be one of them"
         )

@@ -174,7 +174,7 @@ class Polygon:
         if size < self.perimeter / MAX_BOUNDARY_PIECES:
             raise InputError(
                 f"polygon '{self.name}' cannot be divided into pieces of size {size:g}: these would be more "
-                f"than {MAX_BOUNDARY_PIECES:g}; give a larger one"
+                f"than {MAX_BOUNDARY_PIECES:g} pieces; give a larger size"
             )
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 

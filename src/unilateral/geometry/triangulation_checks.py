@@ -104,7 +104,7 @@ def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
         count = np.count_nonzero(edges == edges[crowded[0]])
         raise InputError(
             f"{where}: the edge from node {describe_node(points, low)} to node {describe_node(points, high)} "
-            f"belongs to {count} triangles, two of them on the same side; it may have one on either side"
+            f"belongs to {count} triangles, two of them on the same side; each side of it may have only one"
         )
     repeated = edges[1:] == edges[:-1]
     once = ~(np.append(repeated, False) | np.append(False, repeated))
@@ -147,7 +147,7 @@ def check_vertices_are_nodes(polygon: Polygon, points: Array, nodes: Index, reac
     if missing.size:
         raise InputError(
             f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
-            f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
+            f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be a node"
         )
 
 
@@ -181,8 +181,8 @@ def assign_sides(
         raise InputError(
             f"{where}: the boundary edge from node {describe_node(points, edges[worst, 0])} to node "
             f"{describe_node(points, edges[worst, 1])} does not run anticlockwise along one side of polygon "
-            f"'{polygon.name}'; move its nodes there, close a gap beside it, or split its triangle at a "
-            "node that hangs on it"
+            f"'{polygon.name}'; move its nodes onto the side, close a gap beside it, or split its triangle "
+            "at a hanging node"
         )
     return side
 
@@ -220,6 +220,6 @@ def _stray_node_error(
     away = float(segment_distances(points[[node]], start[None], end[None])[0, 0])
     return InputError(
         f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of "
-        f"polygon '{polygon.name}', and up to {reach[node]:.2g} would be corrected; move it onto "
-        "the side, give the polygon that the mesh has, or read the mesh with polygon= this polygon"
+        f"polygon '{polygon.name}', and at most {reach[node]:.2g} is corrected; move the node onto "
+        "the side, give the polygon of the mesh, or read the mesh with polygon= this polygon"
     )

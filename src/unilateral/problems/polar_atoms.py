@@ -269,7 +269,7 @@ def make_corner_atom(
     if abs(float(omega) * np.pi - polygon.angles[side]) > SIDE_TOLERANCE:
         raise InputError(
             f"the angle at vertex {side} of '{polygon.name}' is no fraction of pi with a denominator of at "
-            f"most {MAX_DENOMINATOR}, as an atom there needs"
+            f"most {MAX_DENOMINATOR}; an atom at a vertex needs such an angle"
         )
     beta, theta_0, factor = _corner_function(kind, omega, alpha)
     is_clamped = kind == "clamped"

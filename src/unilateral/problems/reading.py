@@ -29,7 +29,7 @@ FIELD_SUBSTITUTES = {
     "f": "write 0 where there is none",
     "g": "in a list write null for a side that is named in free_sides or in u",
     "q": "write 0 where there is none, or in a list null",
-    "u": "write what u is there, such as 0, or leave the side out",
+    "u": "write the value of u, such as 0, or leave the side out",
 }
 """What to write in place of such a word."""
 

@@ -57,8 +57,8 @@ def explain_flat_triangles(solved: DiscreteSolution) -> str:
         return ""
     return (
         "most of the bound on the error comes from triangles that are up to "
-        f"{flatness.max():.0f} times as long as high, where it may be far above the error; try --sharp, or "
-        "other triangles"
+        f"{flatness.max():.0f} times as long as high; on such triangles the bound may be far above the "
+        "error; try --sharp, or other triangles"
     )
 
 
@@ -71,8 +71,9 @@ def explain_dominant_lift(solution: Solution) -> str:
     if bound is None or bound.lift_norm**2 <= 0.5 * bound.u**2:
         return ""
     return (
-        "most of the bound on the error of u is for u < g, or for other values than the given ones on "
-        "clamped sides; larger penalty parameters, or conditions at the nodes, would make it smaller"
+        "most of the bound on the error of u comes from places where u < g, or where u differs from the "
+        "given values on clamped sides; larger penalty parameters, or conditions at the nodes, would reduce "
+        "the bound"
     )
 
 
@@ -87,7 +88,7 @@ def explain_nonconvergence(solved: DiscreteSolution) -> str:
     if result.algorithm in ROUNDING_LIMITED_ALGORITHMS:
         return f"{failure}, because rounding allows no less; take a larger tolerance"
     steps = pluralise(int(result.iterations), "step")
-    return f"{failure} after {steps}; allow more of them, or take another algorithm"
+    return f"{failure} after {steps}; allow more steps, or take another algorithm"
 
 
 def warn_of_shortfalls(solution: Solution, is_user_mesh: bool = False) -> None:

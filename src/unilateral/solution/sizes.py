@@ -63,7 +63,7 @@ def mesh_problem(
     """
     problem_mesh = problem.mesh
     if problem_mesh is not None and mesh_or_kind not in ("", problem_mesh):
-        raise InputError(f"'{problem.name}' was made of a mesh and is solved on it; leave mesh out")
+        raise InputError(f"'{problem.name}' has a mesh of its own and is solved on it; leave mesh out")
     mesh, partition = make_mesh_and_partition(
         problem.polygon, h, H, mesh_or_kind if problem_mesh is None else problem_mesh, stop
     )
@@ -75,7 +75,7 @@ def make_mesh_and_partition(
 ) -> tuple[Mesh, Partition]:
     """The mesh and the partition of sizes h and H at most. Raises InputError where one of them is missing."""
     if isinstance(mesh_or_kind, Mesh) and H is None:
-        raise InputError("a mesh of one's own needs H, the longest cell of the multiplier")
+        raise InputError("with a mesh of your own give H, the length of the longest cell of the multiplier")
     max_H = _require_positive_size("H", H)
     if isinstance(mesh_or_kind, Mesh):
         if h is not None:
@@ -102,8 +102,8 @@ def _require_positive_size(name: str, size: float | None) -> float:
     """The size, if it is given and positive. Raises InputError if not."""
     if size is None:
         raise InputError(
-            f"h and H are needed, and {name} is missing; for formulas ul.solve takes an accuracy in their "
-            "place"
+            f"h and H are needed, and {name} is missing; if all data are formulas, ul.solve takes an "
+            "accuracy instead"
         )
     if not 0 < size < math.inf:
         raise InputError(f"{name} = {size:g} must be a positive number")

@@ -125,8 +125,7 @@ class Solver:
         missing = [name for name, value in (("f", f), ("g", g)) if value is None]
         if missing and not self.has_data:
             raise InputError(
-                f"{missing[0]} is missing; a solver that was made of a polygon or a mesh needs f and g in "
-                "each call"
+                f"{missing[0]} is missing; a solver made from a polygon or a mesh needs f and g in each call"
             )
         if len(missing) == 2 and q is None:
             return problem

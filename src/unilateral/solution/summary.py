@@ -83,7 +83,7 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
 def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
     """The rows of guaranteed errors and of the force, and of its sum with all reactions, known if c = 0."""
     if bounds is None:
-        return {"error of u": "unknown, for there is no bound", "force": f"{solution.solved.force:.4g}"}
+        return {"error of u": "unknown, because there is no bound", "force": f"{solution.solved.force:.4g}"}
     names = name_solution_norms(solution.problem)
     errors = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(solution.solved.cells):

@@ -25,7 +25,7 @@ def run_algorithm(
     if algorithm == "auto" and operator.is_singular:
         if stop.rho is not None:
             raise InputError(
-                "rho has no use where S is singular (h/H too large); leave it out, or take smaller h"
+                "rho cannot be used if S is singular (h/H too large); leave rho out, or take a smaller h"
             )
         algorithm = "active_set"
     elif algorithm == "auto":

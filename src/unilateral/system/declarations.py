@@ -158,7 +158,7 @@ def _describe_violation(violation: Any) -> str:
         description = violation.schema.get("properties", {}).get(missing, {}).get("description")
         return f"the field {missing} is missing" + (f"; it holds {description}" if description else "")
     if violation.validator is None:
-        return "it has no place here"
+        return "this field is not allowed here"
     if violation.validator in DESCRIBED_KEYWORDS and "description" in violation.schema:
         value = "null" if violation.instance is None else quote_input(violation.instance)
         return f"it is {value}; it has to be {violation.schema['description']}"

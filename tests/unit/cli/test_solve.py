@@ -162,7 +162,7 @@ def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
     bound = format_up(found["algebraic_bound"], ".4e")
     assert err == (
         f"unilateral: the iteration did not converge: the algebraic error is at most {bound} after 1 step; "
-        "allow more of them, or take another algorithm\n"
+        "allow more steps, or take another algorithm\n"
     )
     code, out, _ = run("solve", *options)
     assert code == 3
@@ -391,8 +391,8 @@ def test_where_the_bound_is_as_large_as_u_an_accuracy_is_offered_and_is_reached(
     code, out, told = run("solve", file, *SIZES)
     assert code == 0
     assert re.fullmatch("unilateral: most of the bound on the error comes from triangles .*\n", told)
-    assert "does not rule out an error as large as u itself" in out
-    (offered,) = re.findall(r"(--accuracy \S+) in place of --h and --H", out)
+    assert "allows an error as large as u itself" in out
+    (offered,) = re.findall(r"(--accuracy \S+) instead of --h and --H", out)
     code, out, told = run("solve", file, *offered.split())
     assert (code, told) == (0, "")
     assert "  certified: " in out

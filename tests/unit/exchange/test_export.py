@@ -105,7 +105,7 @@ def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refused):
     lines = [("line", np.array([[0, 1], [1, 2], [2, 0]]))]
     meshio.write(tmp_path / "lines.vtu", meshio.Mesh(corners, lines))
     meshio.write(tmp_path / "empty.vtk", meshio.Mesh(np.zeros((0, 3)), []))
-    words = {"lines.vtu": "there are no triangles", "empty.vtk": "not what its ending says"}
+    words = {"lines.vtu": "there are no triangles", "empty.vtk": "has not the format of its ending"}
     for name, said in words.items():
         options = ("--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out")
         error = re.sub(r"\(meshio .*\)", "", refused("export", "natural", *options))

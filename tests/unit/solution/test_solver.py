@@ -174,11 +174,11 @@ def test_a_problem_that_was_made_of_a_mesh_is_solved_on_that():
     assert ul.solve(problem, H=1 / 4).mesh is mesh
     other = ul.mesh(mesh, halvings=1)
     for given, message in (
-        ({"H": 1 / 4, "mesh": other}, "was made of a mesh and is solved on it; leave mesh out"),
+        ({"H": 1 / 4, "mesh": other}, "has a mesh of its own and is solved on it; leave mesh out"),
         ({"h": 1 / 8, "H": 1 / 4}, "the mesh is given; leave h out"),
         (
             {"accuracy": 0.1},
-            "was made of a mesh and is solved on it; give H, or make the p",
+            "has a mesh of its own, and an accuracy chooses meshes; give H",
         ),
     ):
         with pytest.raises(ul.InputError, match=message):
