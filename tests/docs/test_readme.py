@@ -49,8 +49,8 @@ def test_the_first_command_prints_what_is_quoted(run):
     code, printed, _ = run(*FIRST.replace("examples", str(ROOT / "examples")).split()[1:])
     assert code == 0
     for line in (line for line in quoted.splitlines() if line != "..."):
-        (same,) = [each for each in printed.splitlines() if NUMBER.sub("#", each) == NUMBER.sub("#", line)]
-        numbers = [[float(number) for number in NUMBER.findall(each)] for each in (line, same)]
+        (same,) = [item for item in printed.splitlines() if NUMBER.sub("#", item) == NUMBER.sub("#", line)]
+        numbers = [[float(number) for number in NUMBER.findall(item)] for item in (line, same)]
         assert numbers[0] == pytest.approx(numbers[1], rel=PRINTED)
 
 
@@ -92,7 +92,7 @@ def test_the_first_snippets_pass_a_type_checker(tmp_path):
     (tmp_path / "wrong.py").write_text(snippets[0].replace("s.bounds", "s.bounds.u"))
     checked = [sys.executable, "-m", "mypy", *map(str, [*files, tmp_path / "wrong.py"])]
     source = os.environ | {"MYPYPATH": str(ROOT / "src")}
-    found = subprocess.run(checked, cwd=ROOT, env=source, capture_output=True, text=True).stdout.splitlines()
-    errors = [line for line in found if ": error: " in line]
+    lines = subprocess.run(checked, cwd=ROOT, env=source, capture_output=True, text=True).stdout.splitlines()
+    errors = [line for line in lines if ": error: " in line]
     assert len(errors) == 1
     assert 'wrong.py:5: error: Item "None" of "Bounds | None" has no attribute "u"' in errors[0]

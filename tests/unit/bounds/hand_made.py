@@ -60,8 +60,8 @@ class Manufactured:
         self.jumps = {}
         self.formula = u
         self.formulas = (f, u - gap)
-        found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
-        self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
+        computed = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
+        self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in computed)
         self.g = sympy.lambdify((X, Y), u - gap)
 
     def kinks(self):
@@ -99,7 +99,7 @@ class Manufactured:
 
 
 @cache
-def enclosed(mesh, problem):
+def enclose_source(mesh, problem):
     return source.enclose_function(mesh, problem.source)
 
 
@@ -112,16 +112,16 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
         g = problem.enclosed(free)
     form = Form(free=free)
     data = EnclosedData(
-        enclosed(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
+        enclose_source(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
     )
     return data, cells, u_h, lambda_H, form
 
 
 def u_of(problem, mesh, cells, lambda_H):
     """u_h by (5.1); (f, v) = (f_h, v) for v in V_h."""
-    of_f = load_vector(mesh, enclosed(mesh, problem).moments())
-    of_f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
-    return condense(mesh).solve(of_f)
+    f = load_vector(mesh, enclose_source(mesh, problem).moments())
+    f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
+    return condense(mesh).solve(f)
 
 
 @cache
@@ -169,12 +169,12 @@ def pair(name, n, polygon="square", crude=None):
         lambda_H = np.zeros_like(lambda_H)
     elif crude == "noise":
         lambda_H = np.maximum(lambda_H + rng.normal(0, 0.3 * lambda_H.max() + 0.01, len(lambda_H)), 0)
-    of_lambda = d.spaces.B.T @ lambda_H
+    lambda_load = d.spaces.B.T @ lambda_H
     load = d.exact.ritz.load.copy()
-    load[mesh.boundary] += of_lambda
+    load[mesh.boundary] += lambda_load
     u_h = d.spaces.condensed.solve(load)
     dual = norm_for(name, n // 2, polygon).bound_error(d.exact.ritz.case, lambda_H[None])
-    h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - of_lambda)[0]
+    h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - lambda_load)[0]
     errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
     return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
 
@@ -198,11 +198,11 @@ class OfCatalogue:
     @cached_property
     def trials(self):
         """With noise of a size in u_h its error is no less than that size less the error without."""
-        trials = [Trial(of.given, of.h1_error, of.lower - ROUNDING) for of in self.pairs]
-        of = self.pairs[-1]
+        trials = [Trial(item.given, item.h1_error, item.lower - ROUNDING) for item in self.pairs]
+        pair = self.pairs[-1]
         for size in NOISE if self.noisy else ():
-            given = of.with_noise(size, np.random.default_rng(3)).given
-            trials.append(Trial(given, max(size - of.h1_error, 0), of.lower - ROUNDING))
+            data = pair.with_noise(size, np.random.default_rng(3)).given
+            trials.append(Trial(data, max(size - pair.h1_error, 0), pair.lower - ROUNDING))
         return trials
 
     @cached_property
@@ -212,9 +212,11 @@ class OfCatalogue:
         Where lambda is not smooth it is not integrated up to rounding.
         """
         pressed = []
-        for of in self.pairs if self.smooth else ():
-            sides = range(of.mesh.polygon.n_sides)
-            exact = [(force - 1e-12, force + 1e-12) for force in exact_forces(of.case, of.cells)]
-            parts = [[*sides], *([side] for side in sides)]
-            pressed.append(Pressed(of.mesh, of.cells, of.lambda_H, of.upper + 1e-12, parts, exact))
+        for item in self.pairs if self.smooth else ():
+            sides = range(item.mesh.polygon.n_sides)
+            exact = [(force - 1e-12, force + 1e-12) for force in exact_forces(item.case, item.cells)]
+            components = [[*sides], *([side] for side in sides)]
+            pressed.append(
+                Pressed(item.mesh, item.cells, item.lambda_H, item.upper + 1e-12, components, exact)
+            )
         return pressed

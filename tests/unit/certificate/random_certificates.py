@@ -28,9 +28,10 @@ def cut_ears(random, nodes, ring):
         for n in range(len(ring)):
             triangle = [ring[n - 1], ring[n], ring[(n + 1) % len(ring)]]
             a, b, c = (nodes[i] for i in triangle)
-            others = [nodes[i] for i in ring if i not in triangle]
+            other_nodes = [nodes[i] for i in ring if i not in triangle]
             crossed = any(
-                min(doubled_area(a, b, z), doubled_area(b, c, z), doubled_area(c, a, z)) >= 0 for z in others
+                min(doubled_area(a, b, z), doubled_area(b, c, z), doubled_area(c, a, z)) >= 0
+                for z in other_nodes
             )
             if doubled_area(a, b, c) > 0 and not crossed:
                 ears.append((n, triangle))

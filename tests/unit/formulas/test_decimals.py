@@ -67,13 +67,13 @@ def test_a_number_with_its_distance_has_both_bounds_between():
         lower = value - below
         upper = value + above
         text = format_interval(lower, upper, value)
-        shown, _, wide = text.partition(" ± ")
+        displayed, _, wide = text.partition(" ± ")
         power = Fraction(10) ** int(text.partition("e")[2] or 0)
-        shown = Fraction(shown.strip("()").partition(")")[0]) * power
+        displayed = Fraction(displayed.strip("()").partition(")")[0]) * power
         wide = Fraction(wide.strip("()").partition(")")[0]) * power
-        assert shown - wide <= Fraction(lower) <= Fraction(upper) <= shown + wide
-        of, low, high = map(Fraction, (value, lower, upper))
-        assert wide <= Fraction(12, 10) * max(high - of, of - low)
+        assert displayed - wide <= Fraction(lower) <= Fraction(upper) <= displayed + wide
+        exact, low, high = map(Fraction, (value, lower, upper))
+        assert wide <= Fraction(12, 10) * max(high - exact, exact - low)
 
 
 def test_a_number_without_a_distance_or_bound():
@@ -85,5 +85,5 @@ def test_a_number_without_a_distance_or_bound():
 @given(st.floats(1e-300, 1e300))
 @settings(max_examples=200, derandomize=True, deadline=None)
 def test_a_percentage_is_not_below_the_part(part):
-    found = Fraction(format_percent(part).removesuffix(" %"))
-    assert 100 * Fraction(part) <= found <= 111 * Fraction(part)
+    fraction = Fraction(format_percent(part).removesuffix(" %"))
+    assert 100 * Fraction(part) <= fraction <= 111 * Fraction(part)

@@ -82,8 +82,10 @@ def test_refining_halves_every_cell():
 
 def test_vertices_known_up_to_round_off_are_snapped():
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
-    off = 1e-13 * polygon.perimeter
-    partition = from_points(polygon, [off, 0.5, 1 + off, 1 + np.sqrt(2) - off, polygon.perimeter + off])
+    displaced = 1e-13 * polygon.perimeter
+    partition = from_points(
+        polygon, [displaced, 0.5, 1 + displaced, 1 + np.sqrt(2) - displaced, polygon.perimeter + displaced]
+    )
     assert_array_equal(np.delete(partition.points, 1), polygon.starts)
 
 
@@ -137,11 +139,11 @@ def test_balanced_cells_by_hand():
 def test_the_common_refinement_by_hand():
     """Halves and thirds of a side; a point that is another up to round-off adds none."""
     near = from_points(square(), [0, np.nextafter(0.5, 1), 1, 1.5, 2, 2.5, 3, 3.5, 4])
-    found = common_refinement(
+    computed = common_refinement(
         [make_uniform_partition(square(), 1 / 3), make_uniform_partition(square(), 1 / 2), near]
     )
     one_side = np.array([0, 1 / 3, 1 / 2, 2 / 3])
-    assert_allclose(found.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
+    assert_allclose(computed.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
     assert common_refinement([near]).n_cells == 8
 
 
@@ -149,17 +151,17 @@ def test_the_common_refinement_by_hand():
 def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
     """A thousand times the rounding of arc lengths, a few 1e-16 of the perimeter a sum; cells are longer."""
     halves = make_uniform_partition(square(), 1 / 2)
-    off = share * 1e-12 * square().perimeter
-    moved = Partition(square(), halves.points + off * (np.arange(9) == 1))
-    assert common_refinement([halves, moved]).n_cells == (8 if same else 9)
-    assert moved.has_inside(np.array([0.5])).any() == (not same)
-    at_a_vertex = [0, 1 + off, 2, 3, 4]
+    displaced = share * 1e-12 * square().perimeter
+    shifted_partition = Partition(square(), halves.points + displaced * (np.arange(9) == 1))
+    assert common_refinement([halves, shifted_partition]).n_cells == (8 if same else 9)
+    assert shifted_partition.has_inside(np.array([0.5])).any() == (not same)
+    at_a_vertex = [0, 1 + displaced, 2, 3, 4]
     if same:
-        assert_array_equal(halves.cells_of(moved.points), np.arange(8))
+        assert_array_equal(halves.cells_of(shifted_partition.points), np.arange(8))
         assert_array_equal(from_points(square(), at_a_vertex).points, np.arange(5))
         return
     with sentences.raises(InputError):
-        halves.cells_of(moved.points)
+        halves.cells_of(shifted_partition.points)
     with sentences.raises(InputError):
         from_points(square(), at_a_vertex)
 

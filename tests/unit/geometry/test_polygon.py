@@ -58,7 +58,9 @@ def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch)
     """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
     compared = []
     compare = plane._meets_later_sides
-    monkeypatch.setattr(plane, "_meets_later_sides", lambda *given: compared.append(given) or compare(*given))
+    monkeypatch.setattr(
+        plane, "_meets_later_sides", lambda *arguments: compared.append(arguments) or compare(*arguments)
+    )
     with sentences.raises(InputError):
         Polygon(regular(1001))
     assert compared == []

@@ -23,12 +23,12 @@ def objective(y):
 def iterates(step, count):
     """(count, 3) of the loop, which tells F = S y + b only."""
     y = START.copy()
-    found = []
+    computed = []
     for _ in range(count):
         F = S @ y + B
         step(y, F, np.minimum(y, F))
-        found.append(y.copy())
-    return np.array(found)
+        computed.append(y.copy())
+    return np.array(computed)
 
 
 def momentum(restarts, rho):
@@ -54,8 +54,8 @@ def test_momentum_with_restarts_as_published():
     restarts = []
     expected = np.array(list(islice(momentum(restarts, 0.9), 400)))
     assert len(restarts) > 1
-    found = iterates(Nesterov(S, B, 0.9, START), 400)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    computed = iterates(Nesterov(S, B, 0.9, START), 400)
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def dai_fletcher(cuts, rho):
@@ -97,8 +97,8 @@ def test_barzilai_and_borwein_s_steps_with_the_published_safeguard():
     cuts = []
     expected = np.array(list(islice(dai_fletcher(cuts, 0.9), 50)))
     assert len(cuts) > 1
-    found = iterates(BarzilaiBorwein(S, B, 0.9, START), 50)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    computed = iterates(BarzilaiBorwein(S, B, 0.9, START), 50)
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():

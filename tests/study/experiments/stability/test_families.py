@@ -88,9 +88,9 @@ def test_random_lengths_are_log_uniform():
     assert np.all(np.ptp(logarithms, axis=1) <= np.log(4) + 1e-9)
     assert_allclose(logarithms.std(axis=1), np.log(4) / np.sqrt(12), rtol=0.05)
     again = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 1})
-    other = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 2})
+    other_partition = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 2})
     assert_array_equal(cells.points, again.points)
-    assert not np.array_equal(cells.points, other.points)
+    assert not np.array_equal(cells.points, other_partition.points)
 
 
 @pytest.mark.parametrize("spec", [{"H": "1/4"}, {"H": "1/4", "shift": 0}, {"H": "1/4", "grading": 1}])
@@ -173,10 +173,10 @@ def test_inner_nodes_by_hand():
 def test_every_cell_has_one_node_inside_and_at_least_delta_from_its_ends(kind, spec, delta):
     cells = make_partition(square(), spec)
     mesh = mesh_of(cells, kind, delta)
-    found = resolution(mesh, cells)
-    assert delta * (1 - 1e-9) <= found.delta <= 0.5
+    computed = resolution(mesh, cells)
+    assert delta * (1 - 1e-9) <= computed.delta <= 0.5
     assert len(mesh.boundary) == (2 * cells.n_cells if "ends" in kind else cells.n_cells + 4)
-    assert (found.nodes_per_cell, found.alpha_1) == (1, cells.alpha_1)
+    assert (computed.nodes_per_cell, computed.alpha_1) == (1, cells.alpha_1)
 
 
 def test_explicit_nodes():
@@ -242,13 +242,13 @@ def test_one_mesh_serves_all_partitions_with_its_boundary_nodes():
 def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypatch):
     """Two numbers of edges make two meshes; each partition's values are those of its own survey."""
     condensed = []
-    own = stability.condense
-    monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
+    original = stability.condense
+    monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or original(mesh))
     polygon = square()
     cells = [make_partition(polygon, spec) for spec in SAME_NUMBERS]
     table = survey_pairs(cells, [RANDOM_EDGES] * 2, [2, 3], {})
     assert len(condensed) == 2
     for p in range(2):
-        alone = survey_pairs(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
-        xr.testing.assert_equal(table.isel(partition=[p]), alone)
+        single_survey_pairs = survey_pairs(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
+        xr.testing.assert_equal(table.isel(partition=[p]), single_survey_pairs)
     assert len(condensed) == 6
