@@ -81,7 +81,7 @@ def test_the_cases_hold_with_as_many_contact_zones_as_they_say() -> None:
     assert (zones["natural_0437"], zones["three_zones"], zones["zones_37"]) == (1, 3, 37)
 
 
-def test_who_is_missing_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_solver_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = small(tmp_path)
     assert plan.missing(data, "multigrid") == ""
     data["solvers"]["multigrid"]["imports"] = ["no_such_module"]
@@ -139,7 +139,7 @@ def made_up() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_ratios_and_growth_of_made_up_times() -> None:
+def test_ratios_and_growth_are_those_of_made_up_laws() -> None:
     runs = made_up()
     assert judge.ratios(runs, "skfem").to_dict() == {256: 5, 512: 5, 1024: 5}
     assert judge.growth(judge.along(runs, "multigrid")["cpu_seconds"]) == pytest.approx(2, abs=1e-12)
@@ -156,7 +156,7 @@ def test_a_table_has_ratios_of_this_project_alone_and_says_where_memory_was_meas
     assert rows["peak memory"].tolist() == ["1234 MB"] * 4 + ["1234 MB (at 263 169)"]
 
 
-def test_the_limits_of_a_made_up_machine() -> None:
+def test_reads_of_the_matrix_and_the_share_of_peak_are_those_by_hand() -> None:
     """A has 7 entries of 12 bytes and a start of 4 in each of 4 rows: 352 bytes, read ten times a second."""
     linear = {"way": "linear", "problem": "natural", "n": 1, "H_over_h": 0, "solve_cpu": 1.0}
     eliminated = {"way": "recursive uzawa", "problem": "natural", "n": 1, "H_over_h": 2}
@@ -219,7 +219,7 @@ def make_order(**keywords: Any) -> dict[str, Any]:
     return {**plan.order_of(plan.read(COMMITTED), "natural", N), "H_over_h": 2, **keywords}
 
 
-def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
+def test_the_judge_s_error_is_that_by_quadrature(data: Path, tmp_path: Path) -> None:
     known_table = np.load(data)
     rng = np.random.default_rng(0)
     mesh = problem.mesh_of(make_order())

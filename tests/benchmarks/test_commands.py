@@ -136,7 +136,9 @@ def test_a_command_that_fails_is_told_and_does_not_count(
     assert any("it ended with code 3" in line for line in lines)
 
 
-def test_tiny_processes_beside_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_typed_bound_is_that_of_the_data_given_to_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The bound that is typed is that of the data which others are given, but for the iteration.
 
     Its processes import what they need: seconds. No caches are filled before. Control: another solution does

@@ -35,7 +35,7 @@ def test_the_same_discrete_problem_has_the_same_errors():
         np.testing.assert_allclose(errors, np.broadcast_to(errors.iloc[0], errors.shape), rtol=1e-3)
 
 
-def test_a_small_run_and_a_missing_solver(monkeypatch, capsys):
+def test_a_small_run_scores_skfem_without_a_fault_and_skips_a_missing_solver(monkeypatch, capsys):
     """scikit-fem comes with this project. h = 1/4 and 1/8 have no two levels that count."""
     sizes = {"cases": ["natural"], "h": "1/8", "H": "1/4", "levels": 2}
     drivers = {name: PLAN["scores"]["drivers"][name] for name in ("skfem", "ngsolve")}

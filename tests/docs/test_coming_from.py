@@ -30,7 +30,7 @@ def measure_differences(names):
     return np.sqrt(difference @ names["A"] @ difference), abs(names["reaction"].sum() - names["force"].value)
 
 
-def test_both_agree_up_to_the_error_of_the_discretisation():
+def test_both_programs_agree_up_to_the_error_of_the_discretisation():
     """||u - u_h||_1 is O(h) for both, so their distance is; the forces' errors are at most of that order.
 
     Control: with another load they do not agree.

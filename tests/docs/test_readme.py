@@ -27,7 +27,7 @@ def words(text):
     return [word for word in read.split() if re.search(r"\w", word)]
 
 
-def test_it_is_short():
+def test_the_readme_is_short():
     assert len(words(README)) <= MOST
 
 

@@ -201,7 +201,7 @@ SAID = [
 
 
 @pytest.mark.parametrize(("path", "value"), SAID)
-def test_what_is_said(path, value):
+def test_refusals_name_the_file_and_the_field(path, value):
     """One line with the file, the field and what would be right."""
     partition = path.partition(".")[0]
     names = FILES if path == partition else [f"{SOURCES[partition]}, field {partition}"]
@@ -230,7 +230,7 @@ def test_a_name_that_stands_for_nothing_is_refused(path, value):
 
 
 @pytest.mark.parametrize("size", ["1/8", "0.125", 0.125, 1, "10/3", "1/10", "0.5/4"])
-def test_sizes_that_are_allowed(size):
+def test_sizes_in_any_form_are_accepted(size):
     assert fault(change_study("scenes.quick.mesh.h", size)) is None
 
 
@@ -263,7 +263,7 @@ def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
         ("- 1\n",),
     ],
 )
-def test_files_that_are_refused(tmp_path, contents):
+def test_files_that_repeat_a_field_or_hold_no_mapping_are_refused(tmp_path, contents):
     files = [tmp_path / f"{i}.yaml" for i in range(len(contents))]
     for file, content in zip(files, contents, strict=True):
         file.write_text(content)

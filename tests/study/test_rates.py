@@ -81,7 +81,7 @@ def test_an_exact_power_is_observed_on_every_pair():
     assert verdict.bound == pytest.approx(2 * 2 * LEVELS[-1])
 
 
-def test_pairs_a_factor_of_four_apart():
+def test_rates_are_observed_between_sizes_a_factor_of_four_apart():
     verdict = judge_table(table(1.0), expected=change_expectation(factor=4))
     np.testing.assert_allclose(verdict.h_coarse / verdict.h_fine, 4)
     assert len(verdict.rate) == 4
@@ -115,7 +115,7 @@ VERDICTS = {
 
 
 @pytest.mark.parametrize(("rate", "expected", "verdict", "reason"), VERDICTS.values(), ids=VERDICTS)
-def test_the_verdict(rate, expected, verdict, reason):
+def test_the_verdict_compares_observed_and_expected_rates_and_gives_reasons(rate, expected, verdict, reason):
     """With its reasons, and without any where there are none: what rests on bad runs is not judged."""
     judgement = judge_table(rate, expected=expected)
     assert judgement.verdict == verdict

@@ -56,7 +56,7 @@ def judge_stored_errors(table, name, norm):
 
 @pytest.mark.parametrize("norm", rates.ERROR_NORMS)
 @pytest.mark.parametrize(("scene", "name"), [(s, c) for s in SCENES for c in SCENES[s]["cases"]])
-def test_rate(scene, name, norm):
+def test_every_asymptotic_pair_reaches_the_expected_rate(scene, name, norm):
     """Every asymptotic pair reaches the expected rate, and the finest error its bound."""
     verdict = judge_stored_errors(read_stored_table(f"{scene}/errors"), name, norm)
     unjudged = EXPECTED["cases"][name][norm]["rate"] == "none"
@@ -157,7 +157,7 @@ def test_plain_uzawa_ran_wherever_beta_is_positive(errors):
         assert np.array_equal(np.isfinite(errors[name]), where), name
 
 
-def test_the_global_balance_of_every_run(errors):
+def test_every_run_is_balanced_globally(errors):
     """int u_h = int f + int lambda_H, the equation tested with v = 1; relative to u where that is large.
 
     Beside clamped sides there is no such v.
@@ -186,7 +186,7 @@ def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, 
     assert judgement.holds, "\n" + listing.explain_claim(judgement)
 
 
-def test_the_exact_split_of_smooth_runs(errors):
+def test_smooth_runs_split_exactly(errors):
     """||u-u_h||^2 = ||u-z_h||^2 + ||lambda-lambda_H||^2_{-1/2,h}, to round-off where data are smooth."""
     smooth = errors["case"].isin(["full_contact", "no_contact"])
     absolute = errors["quadrature_share"] * errors["h1_error"] ** 2 / errors["u_norm"] ** 2

@@ -132,7 +132,7 @@ def test_nothing_is_certified_where_a_cell_has_no_node_inside():
     )
 
 
-def test_the_cellwise_constant_against_a_generalised_eigenvalue():
+def test_the_cellwise_constant_is_a_generalised_eigenvalue():
     """(sum_i H_i^2 mu_i^2)^{1/2} for H^{1/2} ||mu||_0; on equal cells it is beta_0."""
     cells = partitions.make_shifted_partition(square(), 1 / 4, 0.6)
     op = mixed_spaces(condense(make_structured_mesh(square(), 1 / 18)), cells).operator
@@ -155,7 +155,7 @@ def runs(hm12, h1_error, beta=(0.5, 0.5)):
     return xr.Dataset({**table, "u_norm": (("case", "mesh"), [[1.0]])})
 
 
-def test_the_ratios_of_a_run_by_hand():
+def test_the_quotients_of_a_run_take_every_bound_on_its_unfavourable_side():
     """Every factor on its unfavourable side: the largest error over the smallest right side of (4.6)."""
     computed = lemma_quotients(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
     assert_allclose(computed["norm_ratio_lower"], 0.9 / 1.2)

@@ -109,13 +109,13 @@ def test_two_files_of_one_table_are_byte_identical(tmp_path):
     assert digest(files[0]) == digest(files[1]) != digest(files[2])
 
 
-def test_loading_what_is_not_there():
+def test_a_table_that_is_not_there_is_refused():
     with sentences.raises(InputError):
         tables.load_table("results/none.nc")
 
 
 @pytest.mark.parametrize("content", [b"", b"h\n1\n", b"\x89HDF\r\n\x1a\n"], ids=["empty", "text", "cut"])
-def test_loading_what_is_no_table(tmp_path, content):
+def test_a_file_that_is_no_table_is_refused(tmp_path, content):
     path = tmp_path / "errors.nc"
     path.write_bytes(content)
     with sentences.raises(StorageError):
@@ -316,5 +316,5 @@ def test_nan_is_empty_and_integers_and_strings_are_untouched(tmp_path):
     assert rows == [["x", "n", "name"], ["", "1234567", "thirds"], ["1.5", "0", "0.123456"]]
 
 
-def test_a_column_of_nothing_but_nan(tmp_path):
+def test_a_column_of_nothing_but_nan_is_empty(tmp_path):
     assert written_csv(tmp_path, x=[np.nan, np.nan], n=[1, 2])[1:] == [["", "1"], ["", "2"]]

@@ -127,7 +127,7 @@ def test_a_function_that_does_not_give_a_number_for_each_point_is_refused(functi
         assert all(reason in str(error.value) for reason in reasons), error.value
 
 
-def test_functions_of_one_number_for_all_points_of_other_types_and_ones_that_overwrite_theirs():
+def test_functions_of_any_type_and_ones_that_overwrite_their_arguments_give_the_same_u():
     """All are -1 - x or -1; the last is what a message on a function of single points says."""
     formulas = {form: ul.solve(ul.Problem(SQUARE, f=form, g=0), **SIZES).u for form in ("-1 - x", "-1")}
 
@@ -165,7 +165,7 @@ def test_what_counts_as_a_jump_is_relative_to_the_functions(size):
         ul.Problem(mesh, f=0, g=[same, far, far, far])
 
 
-def test_errors_and_bounds_of_a_case():
+def test_bounds_of_a_case_are_above_its_errors():
     """The bounds are above the errors, 30 % and 10 % at most; the dual norm lies between its bounds."""
     s = ul.solve(ul.case("natural"), **SIZES)
     assert s.errors.h1 <= s.bounds.u <= 1.3 * s.errors.h1
@@ -362,7 +362,7 @@ def test_bounds_that_are_withdrawn_and_levels_that_are_refused_are_told(monkeypa
     assert "not certified: bounds contradict each other; no bound is left" in str(warnings[1].message)
 
 
-def test_a_mesh_of_one_s_own(tmp_path):
+def test_a_mesh_of_one_s_own_gives_the_bounds_of_the_same_mesh(tmp_path):
     """Its outline is the polygon; h is not given; on another polygon it is refused.
 
     What is unknown of these f and g is rounding, of which a mesh that was refined has more: some 1e-13.

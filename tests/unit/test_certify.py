@@ -205,7 +205,7 @@ def shuffle_nodes(mesh, seed=1):
 
 
 @pytest.mark.parametrize(("k", "c"), K_AND_C)
-def test_coefficients_clamped_and_free_sides_and_any_order_of_nodes(k, c):
+def test_bounds_hold_with_coefficients_clamped_sides_and_nodes_in_any_order(k, c):
     problem = make_clamped_problem(k, c)
     mesh = mesh_of(problem, 8)
     solver = OtherSolver(problem, mesh)

@@ -192,13 +192,13 @@ def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
         ("1/8", "", "1/8"),
     ],
 )
-def test_formats(value, spec, displayed):
+def test_a_number_is_written_as_its_format_says(value, spec, displayed):
     assert formats.format_value(value, spec) == displayed
 
 
 @pytest.mark.parametrize(
     ("value", "spec"), [(0.0, "10^"), (2.0, "1/n"), (0.0, "1/n"), (float("inf"), ""), (1.5, "d")]
 )
-def test_formats_that_do_not_fit(value, spec):
+def test_formats_that_do_not_fit_are_refused(value, spec):
     with pytest.raises(ValueError, match=r"Invalid|Unknown|it is"):
         formats.format_value(value, spec)

@@ -79,7 +79,7 @@ MADE = table(
         ({"value": "z / 2", "let": {"w": "x - 1", "z": "w * np.sqrt(4)"}, "at_least": 1}, ["t: 2"]),
     ],
 )
-def test_the_worst_value_of_an_expression_by_rows(parameters, lines):
+def test_the_worst_value_of_an_expression_is_taken_over_all_rows(parameters, lines):
     """Over cases and sizes, of which one is not known; the scene's name is the table's if there is none."""
     check = partial(shared.worst, table="t", quantity="q", **parameters)
     if isinstance(lines, str):

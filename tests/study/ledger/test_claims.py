@@ -347,7 +347,7 @@ def made_up(observed, required, at_least):
         (1, 0, True, 1),
     ],
 )
-def test_margins_by_hand(observed, required, at_least, margin):
+def test_margins_are_the_relative_distances_to_what_is_required(observed, required, at_least, margin):
     computed = made_up(observed, required, at_least)
     assert computed.evidence.margin == pytest.approx(margin)
     assert computed.holds == (margin >= 0)

@@ -43,7 +43,7 @@ def sees(**control):
         ({"variable": "number", "value": 0.995, "rounding": True}, "all of the control"),
     ],
 )
-def test_the_least_part_that_a_claim_sees_by_hand(control, calls):
+def test_a_claim_sees_a_change_from_its_least_part_on(control, calls):
     """2 and 3 against 1: it fails where 2 is halved, 3 is a third, or 2 + x (-8 - 2) is 1."""
     assert sees(**control) == calls
 

@@ -29,7 +29,7 @@ KINDS = {
 }
 
 
-def test_the_kinds_of_verdicts(tmp_path):
+def test_every_verdict_is_of_one_kind(tmp_path):
     """No verdict of the ledger is taken for a failure."""
     nested = tabulate_claims(tmp_path, [{"verdict": verdict} for verdict in KINDS])
     assert nested["kind"].tolist() == [*KINDS.values()]

@@ -86,7 +86,7 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
     assert done[-1].algebraic <= ALGEBRAIC_SHARE * done[-1].target
 
 
-def test_of_a_flux_that_is_not_square_integrable():
+def test_the_bound_is_above_the_error_for_a_flux_that_is_not_square_integrable():
     """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
     case = load("rough")
     errors = []
@@ -136,7 +136,7 @@ def test_where_triangles_share_the_bound_alike_meshes_stay_uniform():
     assert not select_adapted(levels(problem(LSHAPE), Goal(0.2, stop=Stop(algorithm="nesterov"))))
 
 
-def test_fewer_unknowns_than_on_uniform_meshes():
+def test_adapted_meshes_need_fewer_unknowns_than_uniform_ones():
     """Of `singular` to 10 %, at least four times."""
     case = problem("singular")
     adapted = levels(case, Goal(0.1, max_unknowns=70_000, kind=""))[-1]

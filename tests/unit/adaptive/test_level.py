@@ -233,7 +233,7 @@ def test_a_rate_is_believed_within_its_limits(coarse, fine, rate):
 @pytest.mark.parametrize(
     ("data", "free", "maximum"), [(None, 100.0, 90.0), (50.0, 100.0, 50.0), (200.0, 100.0, 90.0)]
 )
-def test_no_more_memory_than_there_is(monkeypatch, data, free, maximum):
+def test_no_more_memory_is_planned_than_is_free(monkeypatch, data, free, maximum):
     """0.8 of what is free beside the 10 MB that the process has; the limit that counts is named."""
     monkeypatch.setattr(forecast, "available_mb", lambda: free)
     _, (name, mb), _ = find_limits(Goal(0.1, max_memory=data), 10.0)

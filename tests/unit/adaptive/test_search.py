@@ -155,7 +155,7 @@ def test_an_absolute_accuracy_is_that_of_the_error_itself():
     assert len(levels(case.problem, Goal(0.3))) < len(done)
 
 
-def test_an_absolute_accuracy_of_a_multiplier_that_is_0():
+def test_a_multiplier_that_is_0_is_certified_to_an_absolute_accuracy_only():
     """Nothing is relative to it; lambda = 0 exactly, so the error is 0 and no bound is below it."""
     absolute = levels(load("no_contact").problem, Goal(0.1, "hm12", sharp=True, absolute=True))[-1]
     assert absolute.certified

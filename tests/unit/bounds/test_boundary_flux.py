@@ -234,7 +234,7 @@ def test_a_flux_without_bounds_is_not_taken_for_one():
     assert distance(mesh, project_given_flux(worse.enclosed_flux, mesh)) == np.inf
 
 
-def test_none_is_given():
+def test_without_a_given_flux_nothing_of_it_is_unknown():
     mesh = make_structured_mesh(square(), 1 / 2)
     flux = project_given_flux(ul.case("natural").enclosed_flux, mesh)
     assert distance(mesh, flux) < 1e-140

@@ -81,7 +81,7 @@ SEEN = {
 
 @pytest.mark.parametrize("name", SEEN)
 @pytest.mark.parametrize("shift", [0.0, 0.37])
-def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
+def test_the_bound_holds_where_cells_end_inside_edges(name, shift):
     """Full contact with a g that is not quadratic, triangles of all shapes.
 
     lambda_H jumps inside edges. There the flux has not its moments, and the patches do not fit: valid all the
@@ -132,7 +132,7 @@ def test_free_sides_have_no_obstacle(bound, index):
 
 
 @pytest.mark.parametrize(("bound", "n"), [(local_bound, 16), (sharp_bound, 8)])
-def test_nothing_but_free_sides(bound, n):
+def test_the_bound_holds_and_is_sharp_with_free_sides_alone(bound, n):
     """Neumann's problem: only what f - f_h does is left beside eta, and for u_h d = v - u_h."""
     problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
     mesh = make_structured_mesh(square(), 1 / n)
@@ -147,7 +147,7 @@ def test_nothing_but_free_sides(bound, n):
 
 
 @BOUNDS
-def test_a_mesh_of_one_triangle(bound):
+def test_the_bound_holds_on_a_mesh_of_one_triangle(bound):
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
     mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
@@ -312,7 +312,7 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
 
 
 @BOUNDS
-def test_bad_input(bound):
+def test_input_that_does_not_fit_is_refused(bound):
     problem = Manufactured(square(), LINEAR_SOURCE)
     mesh = make_structured_mesh(square(), 1 / 4)
     cells = partitions.make_uniform_partition(square(), 1 / 2)

@@ -194,7 +194,7 @@ def test_bounds_hold_on_the_polygon_itself(name):
 
 
 @pytest.mark.parametrize("name", ["beside its sides", "beside, fine", "refined"])
-def test_without_the_distance_from_the_exact_mesh_they_do_not(name, monkeypatch):
+def test_without_the_distance_from_the_exact_mesh_bounds_fail(name, monkeypatch):
     monkeypatch.setattr(Mesh, "distortion", property(lambda mesh: np.zeros(len(mesh.triangles))))
     mesh = FAR[name]()
     assert min(indices(linear(mesh.polygon), mesh)) < 0.7
@@ -204,7 +204,7 @@ def test_without_the_distance_from_the_exact_mesh_they_do_not(name, monkeypatch)
     ("k", "c"), [("1e-6", "1e6"), ("1e6", "1e-6"), ("1/3", "7"), ("1e12", "1"), ("2", "1e-4")]
 )
 @pytest.mark.parametrize("place", [0.0, 1e5])
-def test_so_they_do_with_coefficients(k, c, place):
+def test_bounds_with_coefficients_hold_on_the_polygon_itself(k, c, place):
     polygon = place_polygon(1 / 4, place)
     mesh = meshes.make_unstructured_mesh(polygon, 0.1)
     assert min(indices(linear(polygon, *map(sympy.Rational, (k, c))), mesh)) >= 1

@@ -121,7 +121,7 @@ def test_rounding_is_added():
     assert 0 < max(residual_parts(source, no_given_flux(mesh), u_h, q, H1).dual_norms()) < 1e-4
 
 
-def test_the_rounding_of_a_root_of_a_sum():
+def test_the_allowance_for_roots_of_sums_covers_16_million_squares():
     """Of 16 million squares, each added with half a unit of rounding: the root has half of that."""
     assert SQUARES_ROUNDING >= 16e6 * 2.0**-53 / 2
 
@@ -214,7 +214,7 @@ def test_on_the_exact_mesh_a_flux_is_larger_by_the_distortion(c, component):
 
 
 @pytest.mark.parametrize("k", [1.0, 3.0])
-def test_c_and_k_are_in_the_residual(k):
+def test_the_residual_has_the_coefficients_c_and_k(k):
     """q = (1, 0) and f = 0: div q = 0, and -c x has its mean on each triangle; k grad x - q is (k - 1, 0)."""
     mesh = make_structured_mesh(square(), 1 / 4)
     q, source = constant_flux(mesh)

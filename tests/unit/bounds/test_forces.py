@@ -125,7 +125,7 @@ def test_the_interval_is_the_best_on_its_mesh(traces):
         assert end == pytest.approx(computed.fun, rel=1e-6)
 
 
-def test_its_norm_is_the_least():
+def test_the_extension_has_the_least_norm():
     """Against a dense solve for the interior."""
     mesh = make_structured_mesh(square(), 1 / 16)
     trace = (mesh.side == 0).astype(float)
@@ -186,7 +186,7 @@ def test_a_force_is_that_of_another_unit_of_length_and_of_k(k, size):
 
 
 @pytest.mark.parametrize("bound", [0.0, 1e-300, 1e-20, 1e20, 1e150])
-def test_errors_of_all_sizes(bound):
+def test_intervals_hold_the_value_for_errors_of_all_sizes(bound):
     mesh = make_structured_mesh(square(), 1 / 8)
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     for lambda_H in (np.zeros(cells.n_cells), np.where(cells.side < 2, 1.0, 0.0)):
@@ -225,7 +225,7 @@ def test_without_a_bound_of_lambda_there_is_none_of_the_force():
     assert force == (1, 0, math.inf)
 
 
-def test_of_a_solution_from_python():
+def test_forces_of_a_solution_enclose_the_exact_ones():
     s = ul.solve(ul.case("natural"), h=1 / 16, H=1 / 8)
     local = s.forces()
     sharp = s.forces(sharp=True)
@@ -239,7 +239,7 @@ def test_of_a_solution_from_python():
 
 
 @pytest.mark.parametrize("kind", ["structured", "unstructured"])
-def test_it_does_not_grow_with_the_mesh_of_the_solution(kind, monkeypatch):
+def test_the_force_mesh_does_not_grow_with_the_mesh_of_the_solution(kind, monkeypatch):
     """If that is refined, or too large to begin with."""
     polygon = find_polygon("lshape") if kind == "structured" else Polygon(KITE, "kite")
     cells = partitions.make_uniform_partition(polygon, 1 / 4)
@@ -256,7 +256,7 @@ def test_it_does_not_grow_with_the_mesh_of_the_solution(kind, monkeypatch):
     assert sizes[1] == sizes[2]
 
 
-def test_a_mesh_with_a_coarse_level_needs_no_gmsh(monkeypatch):
+def test_the_force_mesh_of_a_refined_mesh_needs_no_gmsh(monkeypatch):
     mesh = meshes.refine_uniformly(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 4))
     cells = partitions.make_uniform_partition(mesh.polygon, 1 / 4)
     monkeypatch.setattr(meshes, "triangulate_from_boundary", None)
@@ -265,7 +265,7 @@ def test_a_mesh_with_a_coarse_level_needs_no_gmsh(monkeypatch):
     assert np.array_equal(force_mesh.points[:n], mesh.coarse.points)
 
 
-def test_it_is_halved_at_ends_until_loads_are_light():
+def test_the_force_mesh_is_halved_at_ends_until_loads_are_light():
     """A load of 100 on the lower side up to 3/4: there, at the vertex where it begins, and nowhere else."""
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     load = np.where((cells.side == 0) & (cells.points[:-1] < 0.75), 100.0, 0.0)
@@ -280,7 +280,7 @@ def test_it_is_halved_at_ends_until_loads_are_light():
     assert uniform[0] > 1 / 32
 
 
-def test_a_light_load_or_none_leaves_it_uniform():
+def test_a_light_load_or_none_leaves_the_force_mesh_uniform():
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     for load in (0.0, 0.1):
         force_mesh = grade_force_mesh(
@@ -301,7 +301,7 @@ def test_edges_at_the_boundary_of_a_polygon_are_halved_to_the_depth_of_functions
 
 
 @pytest.mark.parametrize("n", [4, 100])
-def test_many_ends_of_contact_leave_it_small_mesh(n):
+def test_many_ends_of_contact_leave_the_force_mesh_small(n):
     """Load on every second one of 4 n cells, and far too much of it."""
     cells = partitions.make_uniform_partition(square(), 1 / n)
     load = np.where(np.arange(cells.n_cells) % 2, 1e9, 0.0)
@@ -309,7 +309,7 @@ def test_many_ends_of_contact_leave_it_small_mesh(n):
     assert len(force_mesh.boundary) <= MAX_BOUNDARY_NODES
 
 
-def test_many_sides_leave_it_small_mesh():
+def test_many_sides_leave_the_force_mesh_small():
     angle = 2 * np.pi * np.arange(400) / 400
     polygon = Polygon(np.column_stack([np.cos(angle), np.sin(angle)]), "many")
     cells = partitions.make_uniform_partition(polygon, 1.0)
@@ -321,7 +321,7 @@ def test_many_sides_leave_it_small_mesh():
 
 
 @pytest.mark.parametrize("place", [1e6, 1e9, 2.0**30])
-def test_it_is_not_halved_where_rounding_shows(place):
+def test_the_force_mesh_is_not_halved_where_rounding_shows(place):
     """Far from the origin, on slanted sides, and on such between dyadic places, whose nodes are exact."""
     polygon = Polygon((KITE if place != 2.0**30 else np.round(KITE)) + place, "far")
     cells = partitions.make_uniform_partition(polygon, 1 / 2)
@@ -483,7 +483,7 @@ def test_what_flows_through_a_side_is_longer_by_its_stretch(monkeypatch):
     assert force.upper - 5 == pytest.approx(8e-4, rel=1e-4)
 
 
-def test_what_forces_and_reactions_lack_beside_each_other():
+def test_forces_and_reactions_lack_the_product_over_the_gap_beside_each_other():
     """Of side 0 the bound above lacks 6 / 3, of sides 2 and 3 that below; without a gap both are infinite."""
     for reach, lacking in ((0.5, 2.0), (0.0, math.inf)):
         clamps = clamped_at(3, reach=reach, gamma=3.0, product=6.0)
@@ -500,7 +500,7 @@ def test_what_forces_and_reactions_lack_beside_each_other():
         ([1], [0, 0, 1, 1, 1, 0, 0, 0], [0, 0, 0, -1, 0, 0, 0, 0]),
     ],
 )
-def test_what_w_is_at_least_on_a_square_with_two_edges_to_a_side(component, above, below):
+def test_nodal_lower_bounds_of_w_are_those_by_hand(component, above, below):
     """Side 3 is clamped, the gap on side 0 is known: at node 1 w may be lower than it should by 1.
 
     Nodes 6, 7 and 0 lie on side 3, where w is 1 or 0 and -w is -1 or 0; node 1 is inside side 0.
@@ -529,7 +529,7 @@ def pressed_on_one_side(k, c):
 
 @pytest.mark.parametrize("sharp", [False, True])
 @pytest.mark.parametrize("k", [1e-12, 1.0, 1e12])
-def test_forces_and_reactions_for_all_reactions(k, sharp):
+def test_forces_and_reactions_lie_in_their_intervals_for_every_reaction_coefficient(k, sharp):
     """k du/dn is k (cos(1) y + 2) on side 1 and -k y on side 3. For tiny c the intervals are those of c = 0.
 
     Control: by a thousandth of the bounds they are missed.
@@ -630,7 +630,7 @@ def exact_balance(polygon, f, q):
         return -total
 
 
-def test_the_balance_of_random_data_on_random_polygons():
+def test_the_balance_encloses_the_exact_sum_for_random_data_on_random_polygons():
     """60 polygons, far from the origin too, with f and q of sizes from 1e-6 to 1e6: the exact sum is inside.
 
     Control: the interval is narrow. Sums are rounded by SUMS of their terms, and q is not known to a few

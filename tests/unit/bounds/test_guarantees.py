@@ -234,7 +234,7 @@ def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
 
 
 @parametrize_problems(OF_FORMULAS)
-def test_the_quadrature_of_the_true_error(known_case):
+def test_the_quadrature_of_the_true_error_is_as_accurate_as_assumed(known_case):
     """Pieces of half the size, which have a quarter of its error at most, change it by less."""
     manufactured = known_case.of
     (solved, _) = known_case.solutions[0]

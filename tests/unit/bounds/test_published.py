@@ -161,7 +161,7 @@ def test_this_computation_gives_the_figures_that_are_published():
     assert computed.flux == pytest.approx(1.4110927866640735, rel=1e-4)
 
 
-def test_the_documented_indices():
+def test_the_documented_indices_are_those_of_this_computation():
     """docs/accuracy.md, rounded to two digits; by this computation."""
     rows = [
         row.split("|")[1:-1] for row in (ROOT / "docs/accuracy.md").read_text().splitlines() if "n = " in row

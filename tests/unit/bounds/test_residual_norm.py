@@ -152,7 +152,7 @@ def test_the_bound_is_never_below_the_norm(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_nor_is_that_by_parts(shape):
+def test_the_bound_by_parts_is_never_below_the_norm(shape):
     """Control: half of it is."""
     assert min(ratio for _, ratio in bounds(shape, 8, factor=1.0)) >= 1
     assert min(ratio for _, ratio in bounds(shape, 8, factor=0.4)) < 1

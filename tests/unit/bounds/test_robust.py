@@ -58,7 +58,7 @@ def test_the_index_does_not_depend_on_c_over_k(kind, n):
 
 
 @pytest.mark.parametrize("k", [1e-26, 1e-8, 1e26])
-def test_it_does_not_depend_on_k_alone(k):
+def test_the_index_does_not_depend_on_k_alone(k):
     """But for rounding, and for what squares that vanish may hide."""
     for ratio in (1e-2, 1e4):
         assert index("mixed", ratio, 8, k) == pytest.approx(index("mixed", ratio, 8), rel=1e-6)
@@ -126,7 +126,7 @@ def test_a_step_in_time_has_the_same_index(name, n):
         assert error <= bound <= LARGEST_INDEX * error
 
 
-def test_such_a_step_needs_the_bound_by_parts(monkeypatch):
+def test_a_step_in_time_needs_the_bound_by_parts(monkeypatch):
     """Control: without it the index grows like (h^2 c)^(1/4)."""
     original = ResidualParts._squares_of_block
     monkeypatch.setattr(

@@ -110,7 +110,7 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
     assert not is_bounded(solve_posed(), "cosine", size)
 
 
-def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
+def test_bounds_are_as_small_as_f_beside_a_large_obstacle_that_is_not_touched() -> None:
     """u is as small as f; so are the bounds, though not the algebraic one's sizes, u - g and g."""
     size = 2.0**-400
     problem = ul.Problem(square(1), f"{size!r}*(1 + pi**2)*cos(pi*x)", g="-1")
@@ -123,7 +123,7 @@ def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
 @pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
 @pytest.mark.parametrize("name", U)
 @pytest.mark.parametrize("length", [1e-8, 1e-2, 1e4, 1e8])
-def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None:
+def test_errors_are_bounded_on_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None:
     """Those that are too small to be condensed to the boundary are refused there.
 
     A constant has no error but rounding, which hides multigrid's stop.
@@ -142,7 +142,7 @@ def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None
 
 @pytest.mark.parametrize("size", [1e-100, 1e95])
 @pytest.mark.parametrize("algorithm", ["uzawa", "active_set"])
-def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
+def test_errors_are_bounded_for_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
     """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
     length = 1e20
     stop = ul.Stop(algorithm=algorithm)
@@ -157,7 +157,7 @@ def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
 @pytest.mark.parametrize(
     ("k", "c"), [(1e-12, 1e-12), (1e-12, 1.0), (1.0, 1e12), (1.0, 1e-4), (1e12, 1e6), (1e12, 1e12)]
 )
-def test_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
+def test_errors_are_bounded_for_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
     """One of the two is nothing beside the other, or both are large or small."""
     solution = ul.solve(problem(name, "1", k=k, c=c), h=1 / 8, H=1 / 4)
     assert is_bounded(solution, name, 1.0)

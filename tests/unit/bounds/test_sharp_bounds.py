@@ -263,7 +263,7 @@ def test_no_other_potential_is_better_where_sigma_is_large_and_nothing_in_contac
     assert sharp_bound(*data).eta > 1.01 * best
 
 
-def test_every_step_will_do(monkeypatch):
+def test_the_bounds_hold_after_any_number_of_steps(monkeypatch):
     """The bounds hold after any number of steps, and eta falls."""
     known_pair = pair("natural", 8)
     etas = []
@@ -276,7 +276,7 @@ def test_every_step_will_do(monkeypatch):
     assert np.all(np.diff(etas) < 0)
 
 
-def test_as_many_steps_on_finer_meshes(monkeypatch):
+def test_the_number_of_steps_does_not_grow_on_finer_meshes(monkeypatch):
     """Preconditioned by multigrid; without it their number would be that of 1/h, fourfold here."""
     monkeypatch.setattr(linear_systems, "MAX_FACTORISED_UNKNOWNS", 0)
     pairs = [pair("natural", n) for n in (16, 64)]
@@ -360,7 +360,7 @@ def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
     assert sharp_bound(*data).u > cheap.u
 
 
-def test_cells_shorter_than_edges():
+def test_the_bound_of_lambda_holds_for_cells_shorter_than_edges():
     """lambda_H jumps four times inside every edge: without what oscillates the bound would be too small."""
     problem = Manufactured(square(), "0.5*(x - 0.45)**2 + 0.5*(y - 0.55)**2")
     mesh = make_structured_mesh(square(), 1 / 4)

@@ -319,7 +319,7 @@ def test_polynomials_are_taken_from_the_coarsest_level(name):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_the_same_with_and_without_coarser_levels(name):
+def test_f_h_is_the_same_with_and_without_coarser_levels(name):
     """Both f_h are those of p's that differ by both rests at most; at a jump that holds for the means.
 
     What coarser levels leave of f is at most what is wanted of them.
@@ -381,7 +381,7 @@ def test_what_is_left_of_f_is_bounded(name):
         assert np.all((np.abs(integrals) <= enclosure.remainder * root + 1e-9 * mesh.areas)[away]), text
 
 
-def test_how_often_f_is_looked_at():
+def test_f_is_evaluated_on_pieces_whose_number_grows_like_a_power_below_1_of_the_triangles():
     """rad falls with the fifth power of a piece's size s, and is wanted to fall with h: s^-2 ~ h^(-2/5).
 
     A level has four times as many triangles as the one before. Control: without coarser levels the number is
@@ -553,7 +553,7 @@ def test_far_descendants_are_asked_for_again():
         assert counted.pieces < len(mesh.triangles)
 
 
-def test_without_that_the_allowance_is_exceeded(monkeypatch):
+def test_far_descendants_that_are_not_asked_for_again_exceed_the_allowance(monkeypatch):
     """Their corners are no multiples of 2^-6: f_h is wrong there by far more than the rest."""
     mesh = deep(12)[-1]
     source = Source("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")

@@ -84,7 +84,7 @@ def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     assert (level < 0).any()
 
 
-def test_two_jumps_that_are_wrong_at_once():
+def test_the_bound_counts_two_jumps_that_are_wrong_at_once():
     """f is 1 in both of two discs that are nearly the same, on a small triangle that their arcs cross.
 
     In pieces beside the chords p is 0, and each step alone changes nothing; ||f - p|| by points of a grid.
@@ -107,7 +107,7 @@ def test_two_jumps_that_are_wrong_at_once():
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (computed.c[0] == 0))
 
 
-def test_areas_in_a_disc():
+def test_areas_in_a_disc_are_those_by_sums_over_points():
     """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
     rng = np.random.default_rng(1)
     vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))

@@ -238,7 +238,7 @@ def test_the_check_proves_the_numbers_of_the_project(name, checked):
 
 
 @pytest.mark.parametrize("name", EXTREMES)
-def test_so_it_does_for_all_ratios_of_c_and_k(name, checked):
+def test_the_check_proves_the_numbers_for_all_ratios_of_c_and_k(name, checked):
     """The multiplier of layers is bounded by less than what the project says."""
     proved = checked(name)
     bounds = checked(name).solution.bounds
@@ -257,14 +257,14 @@ def test_so_it_does_for_all_ratios_of_c_and_k(name, checked):
     ],
     ids=["by parts", "C from the field", "S with C"],
 )
-def test_it_needs_each_of_its_bounds(name, text, replacement, checked):
+def test_the_check_needs_each_of_its_bounds(name, text, replacement, checked):
     """Control: a layer needs the bound by parts, and a tiny c the constant of the field."""
     u, _ = checker((text, replacement)).Certificate(checked(name).stated).bounds()
     assert u > 2 * checked(name).solution.bounds.u
 
 
 @pytest.mark.parametrize("name", POLYGONS)
-def test_so_it_does_on_polygons_where_nodes_are_rounded(name, tmp_path):
+def test_the_check_proves_the_numbers_where_nodes_are_rounded(name, tmp_path):
     """u = x is linear: the bounds are what rounding may do, and the field for c = 0 has little room."""
     mesh = POLYGONS[name]()
     path = tmp_path / "linear.json"

@@ -356,7 +356,7 @@ def judge(run):
 
 
 @pytest.mark.parametrize("make", PROBLEMS)
-def test_each_is_refused_or_its_bound_holds(make, judge):
+def test_each_corruption_is_refused_or_its_bound_holds(make, judge):
     counts, minimum = judge(checker(), make)
     assert minimum >= 1 - ROUNDING
     assert counts.total() == COUNT / len(PROBLEMS)

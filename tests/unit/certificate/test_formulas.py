@@ -178,7 +178,7 @@ def test_remainders_at_one_point_only_do_not_suffice(monkeypatch):
 
 
 @pytest.mark.parametrize(("i", "j"), cf.ROOT_MEAN_SQUARES)
-def test_mean_squares_on_a_triangle(i, j):
+def test_mean_squares_on_a_triangle_are_those_of_sympy_rounded_up(i, j):
     """By sympy's integrals over the triangle: rounded up to four digits."""
     u = sympy.Symbol("xi") - sympy.Rational(1, 3)
     v = sympy.Symbol("eta") - sympy.Rational(1, 3)
@@ -396,7 +396,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED, ids=lambda text: text[:20])
-def test_everything_else_is_refused_by_name(text):
+def test_formulas_beyond_the_grammar_are_refused_by_name(text):
     with pytest.raises(cf.Refused, match=re.escape(REFUSED[text])):
         cf.Formula(text)
 

@@ -406,14 +406,14 @@ def bound(module, attack):
 
 
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.part)
-def test_a_checker_without_it_prints_a_bound_below_the_error(attack):
+def test_a_checker_without_a_line_prints_a_bound_below_the_error(attack):
     lie = bound(checker((attack.text, attack.replacement)), attack)
     assert lie is not None
     assert lie < 0.99 * attack.error
 
 
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.part)
-def test_the_checker_itself_refuses_or_holds(attack):
+def test_the_checker_itself_refuses_or_its_bound_holds(attack):
     answer = bound(GENUINE, attack)
     assert answer is None or answer >= attack.error
 

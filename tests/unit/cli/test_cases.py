@@ -56,7 +56,7 @@ def test_json_has_every_case_on_every_polygon(run):
     assert computed["singular"]["polygons"][0]["lambda_max"] is None
 
 
-def test_one_case_as_text(run):
+def test_the_text_of_a_case_has_its_formulas_and_proved_rates(run):
     """By hand from manufactured/natural.yaml: f = u - 16, for -lap 4 |z|^2 = -16 and the rest is harmonic."""
     code, out, err = run("cases", "natural")
     assert (code, err) == (0, "")
@@ -76,7 +76,7 @@ def test_one_case_as_text(run):
     assert f"contact none\n    g = u - ({elsewhere})\n    lambda = 0\n" in out
 
 
-def test_one_case_for_programs(run):
+def test_the_json_of_a_case_has_its_polygons_rates_and_powers(run):
     document = json.loads(run("cases", "thirds", "--json")[1])
     assert [polygon["polygon"] for polygon in document["polygons"]] == ["square", "lshape", "hexagon"]
     assert document["proved_rates"] == {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
@@ -85,7 +85,7 @@ def test_one_case_for_programs(run):
     assert json.loads(run("cases", "thirds", "--format", "json")[1]) == document
 
 
-def test_a_case_on_a_polygon_of_one_s_own(run):
+def test_a_case_is_shown_and_solved_on_a_polygon_of_one_s_own(run):
     """On side 1 of shelter.yaml, of length 1 from (2, 0): contact from 1/3 to 7/12 of it."""
     code, out, err = run("cases", "thirds", "--polygon", SHELTER, "--side", "1")
     assert (code, err) == (0, "")

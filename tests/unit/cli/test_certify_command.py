@@ -41,7 +41,7 @@ def run_certify(run, *arguments):
     return code, json.loads(out)["h1_bound"] if out else None, err
 
 
-def test_the_only_field_of_a_vtu_on_its_own_mesh(files, run):
+def test_the_only_field_of_a_vtu_is_certified_on_its_own_mesh(files, run):
     code, out, err = run("certify", "p.yaml", "--solution", "u.vtu")
     assert (code, err) == (0, "")
     assert out.startswith("p: h = 0.125, H = 0.25, h/H = 0.5\n")

@@ -73,7 +73,7 @@ def read_printed(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
-def test_the_fields_of_solve(capsys):
+def test_the_page_lists_the_fields_of_solve(capsys):
     sizes = ("--h", "1/4", "--H", "1/2")
     assert fields("solve") == list(read_printed(capsys, "solve", "full_contact", *sizes))
     plan = read_printed(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
@@ -83,7 +83,7 @@ def test_the_fields_of_solve(capsys):
     assert re.findall(r"`(\w+)`", message) == list(plan)
 
 
-def test_the_fields_of_cases(capsys):
+def test_the_page_lists_the_fields_of_cases(capsys):
     output = read_printed(capsys, "cases", "natural")
     assert set(fields("cases")) == set(output) | set(output["polygons"][0])
     (message,) = re.findall(r"^In the list of all cases polygons have .*$", TEXT, re.MULTILINE)
@@ -91,12 +91,12 @@ def test_the_fields_of_cases(capsys):
     assert listed == list(make_polygon_record(load("natural"), load_certificate("natural")))
 
 
-def test_the_fields_of_infsup(capsys):
+def test_the_page_lists_the_fields_of_infsup(capsys):
     output = read_printed(capsys, "infsup", "--polygon", "square", "--h", "1/4", "--H", "1/2")
     assert set(fields("infsup")) == set(output)
 
 
-def test_the_fields_of_claims():
+def test_the_page_lists_the_fields_of_claims():
     """Of a claim that is not judged; the fields are the same as of others."""
     record = Judgement(claims.find_claim("4.12"), Results(""), Unjudged("no results")).record()
     first, *alternatives = fields("claims")

@@ -76,7 +76,7 @@ def test_nothing_is_offered_for_what_is_like_nothing():
         (("solve", "own"), ""),
     ],
 )
-def test_bash_completes(tmp_path, words, expected):
+def test_bash_completes_names_and_leaves_files_to_itself(tmp_path, words, expected):
     """In a real bash, as docs/command-line.md says; files are left to bash itself where no name fits."""
     text = (ROOT / "docs/command-line.md").read_text()
     (switch_on,) = re.findall(r"^(eval .*=bash_source .*)$", text, re.MULTILINE)

@@ -67,7 +67,7 @@ def test_the_constants_are_the_library_s(run, run_infsup):
     assert (printed["theorem_5"], printed["delta"], printed["alpha_1"]) == (True, 0.5, 1)
 
 
-def test_a_mesh_and_cells_of_one_s_own(run_infsup, tmp_path):
+def test_a_mesh_and_cells_from_files_have_the_constants_of_the_same_pair(run_infsup, tmp_path):
     """The same pair from files, by so many cells a side, and by their arc lengths in any order."""
     write_mesh(make_structured_mesh(square(), 1 / 8), tmp_path / "own.msh")
     ends = np.arange(17) / 4

@@ -25,7 +25,7 @@ def run_process(*arguments, shell="", **environment):
     return process.returncode, process.stdout, process.stderr.decode()
 
 
-def test_the_installed_command():
+def test_the_installed_command_prints_json_and_ends_with_its_code():
     code, out, err = run_process("solve", "full_contact", *SIZES, "--json")
     assert (code, err, list(json.loads(out))) == (0, "", KEYS)
     code, out, err = run_process("solve", "unknown.yaml", *SIZES)
@@ -91,7 +91,7 @@ TITLE = "λ-λ_H ‖·‖ – 90° š…"
         ("ascii:replace", "?-?_H ??? ? 90? ??"),
     ],
 )
-def test_letters_that_a_terminal_does_not_have(encoding, letters):
+def test_letters_that_a_terminal_does_not_have_are_replaced(encoding, letters):
     """By their names, or their codes; a user's own choice, such as ascii:replace, is left."""
     source = f"from unilateral.cli import guard; guard.prepare_streams(); guard.print_result({TITLE!r})"
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
@@ -253,7 +253,7 @@ def test_an_interrupt_while_the_command_begins_ends_it_in_one_line(module):
     ],
     ids=["interrupt", "missing", "unreadable"],
 )
-def test_a_library_that_cannot_be_imported(tmp_path, fault, outcome):
+def test_a_library_that_cannot_be_imported_is_told_in_one_line(tmp_path, fault, outcome):
     """A library in the place of numpy which, as some written in C do, makes another error of an interrupt."""
     second = "except KeyboardInterrupt:\n    raise ImportError from None\n"
     (tmp_path / "numpy.py").write_text(f"import os, signal\n\n\ntry:\n    {fault}\n{second}")

@@ -107,7 +107,7 @@ OWN = [
 
 
 @pytest.mark.parametrize("typed", BY_CLICK)
-def test_what_click_refuses(refusal, tmp_path, monkeypatch, typed):
+def test_what_click_refuses_leaves_the_folder_empty(refusal, tmp_path, monkeypatch, typed):
     """The folder stays empty."""
     monkeypatch.chdir(tmp_path)
     assert "Error: " in refusal(*shlex.split(typed))
@@ -115,7 +115,7 @@ def test_what_click_refuses(refusal, tmp_path, monkeypatch, typed):
 
 
 @pytest.mark.parametrize("typed", OWN, ids=[typed.replace(f"{ROOT}/", "") for typed in OWN])
-def test_bad_arguments(refusal, tmp_path, monkeypatch, typed):
+def test_bad_arguments_are_refused_in_one_sentence(refusal, tmp_path, monkeypatch, typed):
     """One sentence; what is like a misspelt name is offered; the folder stays empty."""
     monkeypatch.chdir(tmp_path)
     recorder.check(refusal(*shlex.split(typed)).rpartition("Error: ")[2].strip())
@@ -173,7 +173,7 @@ OWN_PROBLEM = "polygon: [[0, 0], [1, 0], [0, 1]]\nf: 1\ng: 0\n"
     ],
     ids=["typo", "not a solution", "binary", "half", "tab", "tab elsewhere", "tag", "long name", "long list"],
 )
-def test_bad_files(refusal, tmp_path, content, message):
+def test_bad_files_are_refused_with_the_reason(refusal, tmp_path, content, message):
     """What else a file may have is refused in the tests of declarations, cases and problems."""
     file = tmp_path / "own.yaml"
     file.write_text(content)

@@ -143,21 +143,21 @@ def test_a_multiplier_that_may_not_be_unique_is_said(run, problem):
     assert "unique" not in out
 
 
-def test_the_lshape_and_a_side(run):
+def test_a_case_is_solved_on_the_lshape_at_the_chosen_side(run):
     computed = [solve_json(run, "thirds", *SIZES, "--polygon", "lshape", "--side", side)[1] for side in "02"]
     assert [item["unknowns"] for item in computed] == [3 * 64 + 4 * 8 + 1] * 2
     assert [item["multipliers"] for item in computed] == [32] * 2
     assert computed[0]["h1_error"] != computed[1]["h1_error"]
 
 
-def test_an_unstructured_mesh(run):
+def test_an_unstructured_mesh_has_the_size_asked_for(run):
     code, records, _ = solve_json(run, "natural", *SIZES, "--mesh", "unstructured")
     assert code == 0
     assert records["h"] == pytest.approx(1 / 8, rel=1e-12)
     assert records["unknowns"] != 81
 
 
-def test_a_case_of_one_s_own(run, tmp_path):
+def test_a_case_of_one_s_own_is_solved_under_its_name(run, tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text(OWN_CASE)
     code, records, err = solve_json(run, str(file), *SIZES)
@@ -189,7 +189,7 @@ def test_rho_and_tolerance_are_obeyed(run):
     assert default["iterations"] < tight["iterations"]
 
 
-def test_given_sizes_of_a_problem(run):
+def test_the_sizes_given_for_a_problem_are_those_of_its_mesh(run):
     code, records, err = solve_json(run, PROBLEM, *SIZES)
     assert (code, err) == (0, "")
     assert records["h"] <= 1 / 8 < records["h"] * 2

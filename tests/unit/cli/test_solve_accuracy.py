@@ -28,7 +28,7 @@ def level_rows(out):
     return [line.split() for line in out.splitlines() if re.fullmatch(r"[ 0-9.e-]+", line)]
 
 
-def test_an_accuracy_of_a_case(run):
+def test_an_accuracy_is_certified_for_a_case(run):
     code, records, err = solve_json(run, "natural", "--accuracy", "1e-1")
     assert (code, err, records["certified"]) == (0, "", True)
     assert records["h1_error"] <= records["total_bound"] <= 0.5
@@ -63,7 +63,7 @@ def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
     assert "; using" not in run("solve", "natural", "--accuracy", "0.5")[1]
 
 
-def test_an_absolute_accuracy(run):
+def test_an_absolute_accuracy_is_certified_without_the_norm(run):
     """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
     arguments = ("natural", "--accuracy", "1.5", "--absolute")
     code, records, err = solve_json(run, *arguments)
@@ -121,7 +121,7 @@ def test_bounds_that_contradict_each_other_are_withdrawn(
     assert ("these bounds include" in out) == ("25 and" in message)
 
 
-def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
+def test_an_accuracy_in_the_dual_norm_is_certified_for_a_problem(run):
     code, records, _ = solve_json(run, PROBLEM, "--accuracy", "0.2", "--norm", "hm12")
     assert (code, records["problem"], records["norm"]) == (0, "triangle", "hm12")
     assert records["total_bound"] == records["hm12_bound"]
@@ -203,7 +203,7 @@ def test_a_dry_run_says_what_is_needed(run):
     assert json.loads(run(*limited, "--json")[1])["reach"] == float(reach)
 
 
-def test_a_dry_run_as_json_and_where_nothing_is_known(run):
+def test_a_dry_run_in_json_has_null_where_nothing_is_known(run):
     """lambda_H = 0 says nothing of a part of it."""
     options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
     code, out, _ = run("solve", "natural", *options, "0.01")

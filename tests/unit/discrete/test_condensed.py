@@ -70,7 +70,7 @@ def split_defect(sample, solution, sign=1.0):
 
 
 @on_every_case
-def test_the_exact_split(name):
+def test_the_error_splits_exactly(name):
     """To rounding where the quadrature of smooth u leaves only that, else to its share."""
     discrete_problem = discrete(name, 16, 8)
     solution = solve_named(name)
@@ -102,7 +102,7 @@ def test_no_contact_has_no_multiplier():
 
 
 @pytest.mark.parametrize("start", [0.0, 2.0])
-def test_a_constant_in_contact_without_force(start):
+def test_a_constant_that_touches_the_obstacle_needs_no_force(start):
     """f = 1 = g: u_h = 1 touches the obstacle and lambda_H = 0."""
     spaces = couple_structured_mesh("square", 16, 8)
     condensed = spaces.condensed
@@ -119,7 +119,7 @@ def test_a_constant_in_contact_without_force(start):
 
 @pytest.mark.parametrize("ratio", [1, 2, 4])
 @on_every_case
-def test_the_global_balance(name, ratio):
+def test_the_solution_is_balanced_globally(name, ratio):
     """v = 1 in (2.1): int u_h - int f = int lambda_H, here from u_h's own integral too."""
     discrete_problem = discrete(name, 16, 16 // ratio)
     solution = solve_named(name, 16, 16 // ratio)
@@ -131,7 +131,7 @@ def test_the_global_balance(name, ratio):
 
 
 @pytest.mark.parametrize("name", WITH_LAMBDA)
-def test_l2_error_by_quadrature(name):
+def test_the_l2_error_of_lambda_is_that_by_quadrature(name):
     cells = discrete(name, 16, 8).exact.cell_means
     solution = solve_named(name)
     case = discrete(name, 16, 8).exact.ritz.case

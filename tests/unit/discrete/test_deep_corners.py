@@ -43,7 +43,7 @@ def steps_and_value(sequence):
 
 
 @pytest.mark.parametrize("times", [10, 20, 30])
-def test_the_contraction_is_that_of_uniform_meshes(times):
+def test_the_contraction_at_deep_corners_is_that_of_uniform_meshes(times):
     """x, the least Ritz value, says it."""
     uniform = [steps_and_value(start_adapted_mesh(refine_uniformly(COARSE, k))) for k in (2, 3, 4)]
     (maximum, _), (_, minimum) = np.max(uniform, axis=0), np.min(uniform, axis=0)
@@ -53,7 +53,7 @@ def test_the_contraction_is_that_of_uniform_meshes(times):
 
 
 @pytest.mark.parametrize("times", [10, 20, 30])
-def test_so_is_the_bound(times):
+def test_the_bound_is_that_of_few_halvings(times):
     """It has no more to do than with a few halvings, from where on the corner does not count."""
     few = discretise_on_adapted_mesh(PROBLEM, halve_at_corner(8)).solve(Stop()).total_bound("h1")
     many = discretise_on_adapted_mesh(PROBLEM, halve_at_corner(times)).solve(Stop()).total_bound("h1")
@@ -61,7 +61,7 @@ def test_so_is_the_bound(times):
 
 
 @pytest.mark.parametrize("times", [10, 20])
-def test_so_is_beta(times):
+def test_beta_is_at_least_one_half_at_deep_corners(times):
     """At least 1/2, as on all surveyed pairs that keep the rule (claim S.local)."""
     mesh = halve_at_corner(times)
     operator = mixed_spaces(condense(mesh.mesh), mesh.partition).operator

@@ -227,7 +227,7 @@ def discretise_on_small_square(problem):
         (discretise_on_random_mesh, 1e-7, 0.99),
     ],
 )
-def test_it_is_one_from_below_on_small_domains(discretise, length, minimum):
+def test_the_norm_from_below_is_one_from_below_on_small_domains(discretise, length, minimum):
     """lambda_H = 1: <lambda_H, v> / ||v||_1 is largest for a constant v, up to the square of the length.
 
     Control: by v . A v, in which the mass is lost, the number is another one.
@@ -257,7 +257,7 @@ def test_the_default_stop_is_a_hundredth_of_the_error(name):
 
 
 @on_both_meshes
-def test_it_stops_where_it_is_told_and_goes_on(discretise):
+def test_the_iteration_stops_where_it_is_told_and_goes_on(discretise):
     """Steps are counted. Without a tolerance it stops at a hundredth of the error or of its bound."""
     discrete = discretise(load_problem("one's own"))
     crude = discrete.iterate(None, Stop(fraction=1))

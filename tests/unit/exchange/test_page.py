@@ -128,7 +128,7 @@ def test_faults_and_names_are_told_as_text():
     assert "faults were found" in text
 
 
-def test_what_holds():
+def test_scores_pass_without_faults_and_without_rates_that_fall_short():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
     scores = score_own_solutions("natural")
     case = load("natural").problem

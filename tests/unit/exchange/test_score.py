@@ -254,7 +254,7 @@ def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path, digits)
 
 
 @pytest.mark.parametrize("form", ["%.{}g", "%.{}f"])
-def test_the_unit_of_the_last_digit(form):
+def test_the_unit_of_the_last_digit_bounds_what_rounding_leaves(form):
     """Rounding to nearest leaves half of it at most; the format's is no more than ten times smaller.
 
     It is smaller where all numbers happen to have fewer digits, as 0.010 and 0.009.

@@ -64,7 +64,7 @@ def sums_are_right(B, mesh, partition):
     return bool(max(rows, columns) <= rounding)
 
 
-def test_row_and_column_sums(pair):
+def test_row_and_column_sums_are_lengths_of_cells_and_integrals_of_hats(pair):
     """Control: the check of the sums notices a sign error and a shift."""
     B = coupling(*pair).toarray()
     assert sums_are_right(B, *pair)

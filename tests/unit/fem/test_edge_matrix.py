@@ -27,7 +27,7 @@ def rounding(mesh: Mesh) -> float:
 
 
 @pytest.mark.parametrize("mesh_key", MESHES)
-def test_it_is_what_assembly_finds(mesh_key: tuple[str, str, int]) -> None:
+def test_the_matrix_by_edges_is_that_by_elements(mesh_key: tuple[str, str, int]) -> None:
     """Every entry once, the diagonal first."""
     mesh = make_nested(*mesh_key).mesh
     (A, sums, mass) = assemble_by_edges(mesh.triangulation, mesh.points)

@@ -109,7 +109,7 @@ def test_what_interpolation_adds_to_the_energy_is_as_printed(k: int) -> None:
     assert k == 0 or interpolation_constant(2 * k) == functional_norm.INTERPOLATION_CONSTANTS[k]
 
 
-def test_some_of_it_is_known() -> None:
+def test_interpolation_constants_grow_by_their_known_limit() -> None:
     """Of two halves of a triangle, and by how much many halvings add: (ln 2) / angle to each resistance."""
     assert lattice_constant(0) == pytest.approx(2)
     assert lattice_constant(7) - lattice_constant(6) == pytest.approx(math.log(2) * 4 / math.pi, rel=1e-3)
@@ -221,7 +221,7 @@ def test_the_bound_is_one_and_not_too_large(name: str, refinements: int) -> None
 
 
 @pytest.mark.parametrize(("name", "times"), GRADED)
-def test_nor_is_it_on_adapted_meshes(name: str, times: int) -> None:
+def test_the_bound_is_one_and_not_too_large_on_adapted_meshes(name: str, times: int) -> None:
     """10 at 10 levels, over the root of the roundness; deeper, M is a product, and its root counts twice."""
     mesh = adapt_nested(name, times)
     maximum = (
@@ -342,7 +342,7 @@ def locate_fine_triangles(coarse: Mesh, fine: Mesh) -> Array:
     return np.argmax(hit, axis=0)
 
 
-def test_both_terms_are_needed() -> None:
+def test_neither_term_alone_bounds_the_norm() -> None:
     single_nested = make_nested("square 1", "uniform", 0)
     assert norm_bound_beyond_coarsest(single_nested.of, functionals(single_nested)[0]) == 0
     nested = make_nested("square 1", "uniform", 5)

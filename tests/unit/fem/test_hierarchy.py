@@ -245,7 +245,7 @@ def that_follow(name: str) -> tuple[Nested, Partition]:
 
 
 @pytest.mark.parametrize("text", [*LOCAL, "square 2", "slanted"])
-def test_cells_of_adapted_meshes(text: str) -> None:
+def test_only_the_last_level_of_an_adapted_mesh_has_cells(text: str) -> None:
     """The node inside has the longest edges. Only the last level has cells."""
     computed, partition = pairs_of_edges(text) if text in LOCAL else that_follow(text)
     hierarchy = computed.of

@@ -55,7 +55,7 @@ def test_products_are_those_of_P2(spaces):
     assert v @ spaces.gradient_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
 
 
-def test_products_with_a_field_of_bubbles(spaces):
+def test_products_with_a_field_of_bubbles_follow_from_norms(spaces):
     """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
     rng = np.random.default_rng(2)
     v = rng.standard_normal(spaces.size)
@@ -115,7 +115,7 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (0, 3, 2), (4, 3), (4, 3, 2)])
-def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
+def test_norms_of_linear_functions_are_those_by_edge_midpoints(shape):
     """By the rule of edge midpoints, which is exact for squares; on none there are none."""
     rng = np.random.default_rng(6)
     areas = rng.uniform(0.1, 1, shape[0])

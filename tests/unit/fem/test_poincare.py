@@ -46,14 +46,14 @@ OTHERS = [
 
 @pytest.mark.parametrize(("polygon", "clamped", "exact"), RECTANGLES)
 @pytest.mark.parametrize("h", [1, 1 / 8])
-def test_it_is_a_little_above_the_best_one_on_rectangles(polygon, clamped, exact, h):
+def test_the_constant_is_a_little_above_the_best_one_on_rectangles(polygon, clamped, exact, h):
     for mesh in (make_structured_mesh(polygon, h), make_unstructured_mesh(polygon, h)):
         assert exact <= friedrichs_constant(mesh, clamped) <= 1.03 * exact
 
 
 @pytest.mark.parametrize(("polygon", "clamped", "exact"), OTHERS)
 @pytest.mark.parametrize("h", [1 / 2, 1 / 8])
-def test_it_is_a_little_above_the_best_one(polygon, clamped, exact, h):
+def test_the_constant_is_a_little_above_the_best_one(polygon, clamped, exact, h):
     assert exact <= friedrichs_constant(make_unstructured_mesh(polygon, h), clamped) <= 1.04 * exact
 
 

@@ -118,7 +118,7 @@ def power_over_square(x0, beta):
 
 @pytest.mark.parametrize("beta", [-0.5, 0.5, 1.0, 1.5, 3.5])
 @pytest.mark.parametrize("position", POINTS.values(), ids=POINTS)
-def test_singular_powers(harmonic_at, position, beta):
+def test_singular_powers_are_integrated_to_1e_6(harmonic_at, position, beta):
     """Degree 8 is limited by the pieces next to the singular one, where r^beta is analytic but not
     polynomial: 1e-6; eight degrees more gain the factor 3^8 of their relative distance."""
     case = harmonic_at(position)
@@ -134,7 +134,7 @@ def test_singular_powers(harmonic_at, position, beta):
 
 
 @pytest.mark.parametrize("position", POINTS.values(), ids=POINTS)
-def test_the_energy_of_the_harmonic_atom(harmonic_at, position):
+def test_the_energy_of_the_harmonic_atom_is_its_closed_form(harmonic_at, position):
     """|grad Im z^(3/2)|^2 = (9/4) r; far from the point the rule of degree 8 leaves 1e-8."""
     case = harmonic_at(position)
     computed = integral(
@@ -161,7 +161,7 @@ def unsplit(mesh, case):
     return np.empty((0, 3, 3)), np.empty(0, dtype=np.intp), []
 
 
-def test_the_source_of_thirds():
+def test_the_integral_of_the_source_of_thirds_is_that_in_polar_coordinates():
     """In polar coordinates about its point f = c(theta) w(r), and c integrates to -2/3 times 2/3."""
 
     def w(r):
@@ -199,7 +199,7 @@ def bottom_means(case, partition, which):
 
 @pytest.mark.parametrize("fraction", [0.0, 0.37, 0.05])
 @pytest.mark.parametrize("H", [1 / 2, 1 / 8, 1 / 64])
-def test_boundary_means(H, fraction):
+def test_boundary_means_of_powers_are_their_closed_forms(H, fraction):
     """s^(1/2), s^(3/2) and the cut-off power in closed form, to the cancellation in it."""
     cells = partitions.make_shifted_partition(square(), H, fraction)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
@@ -275,7 +275,7 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(declare_case):
 @pytest.mark.parametrize(
     ("name", "alpha"), [("rough", -0.95), ("singular", -0.25), ("borderline_0.05", 0.05)]
 )
-def test_boundary_means_of_a_power_times_a_cutoff(name, alpha):
+def test_boundary_means_of_a_power_times_a_cutoff_are_their_closed_forms(name, alpha):
     """In tau = s^(1/20) that is no polynomial of a low degree."""
     case = load(name)
     cells = partitions.make_shifted_partition(square(), 1 / 8, 0.37)

@@ -96,7 +96,7 @@ def test_no_error_is_above_its_bound(compute: Callable[[Array], tuple[Rounded, l
 
 
 @pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
-def test_the_dual_norm_at_every_size(size: float) -> None:
+def test_the_dual_norm_scales_at_every_size(size: float) -> None:
     """Against (R . A^{-1} R)^(1/2) at size 1; the squares of these numbers would vanish, or be infinite."""
     R = np.random.default_rng(1).standard_normal(len(MASS))
     exact = np.sqrt(R @ np.linalg.solve(A.toarray(), R))

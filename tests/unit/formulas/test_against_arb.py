@@ -154,7 +154,7 @@ ENCLOSED += [f"{name} of models" for name in OPERATIONS]
 
 
 @pytest.mark.parametrize("name", ENCLOSED)
-def test_every_operation(name):
+def test_every_operation_encloses_its_values(name):
     inside, outside = count_enclosed(name)
     assert outside == 0
     # a root has values on the boxes on which its argument is positive, half of them
@@ -206,7 +206,7 @@ def count_enclosed_formulas(seed):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_random_formulas(seed):
+def test_random_formulas_enclose_their_values(seed):
     """27 000 pairs of a formula and a box in all, besides those of single operations."""
     inside, outside = tally(count_enclosed_formulas(seed))
     assert outside == 0
@@ -339,7 +339,7 @@ LEAVING = {
 
 
 @pytest.mark.parametrize("name", LEAVING)
-def test_formulas_of_which_parts_leave_the_range(name):
+def test_formulas_of_which_parts_leave_the_range_are_enclosed(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
     formula = parse_formula(text, ("x", "y"), "here")
@@ -383,7 +383,7 @@ def test_numbers_of_formulas_are_enclosed(text):
     assert certain(lambda: holds(wrong, 0, [0.0, 0.0], value(e, {}))) is False
 
 
-def test_numbers_beyond_the_largest_and_the_smallest():
+def test_numbers_beyond_the_largest_and_the_smallest_are_enclosed():
     """They are enclosed, too: 10^400 and its inverse, as numbers and as factors."""
     x = affine_model(monomial_basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
     for e in (sympy.Integer(10) ** 400, sympy.Rational(1, 10**400), -(sympy.Integer(10) ** 400)):

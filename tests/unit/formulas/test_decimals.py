@@ -46,7 +46,7 @@ def test_what_has_no_digits_is_written_as_it_is(x, spec):
     assert format_up(x, spec) == format_down(x, spec) == format(x, spec)
 
 
-def test_two_bounds():
+def test_an_interval_is_printed_between_its_rounded_bounds():
     assert format_interval(1 / 3, 2 / 3, spec=".2f") == "between 0.33 and 0.67"
     assert format_interval(4 / 3, 4 / 3, 4 / 3, ".4e") == "1.3333e+00, between 1.3333e+00 and 1.3334e+00"
 
@@ -76,7 +76,7 @@ def test_a_number_with_its_distance_has_both_bounds_between():
         assert wide <= Fraction(12, 10) * max(high - exact, exact - low)
 
 
-def test_a_number_without_a_distance_or_bound():
+def test_a_number_is_printed_with_the_only_bound_that_is_known():
     assert format_interval(0.0, 0.0, 0.0) == "0 ± 0"
     assert format_interval(1.23456, math.inf, 2.0) == "2, at least 1.234"
     assert format_interval(-math.inf, 0.55485, 0.4857) == "0.4857, at most 0.5549"

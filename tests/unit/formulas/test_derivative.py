@@ -22,7 +22,7 @@ PLACES = np.random.default_rng(0).uniform(-1, 1, (2, 50))
 
 @pytest.mark.parametrize("text", SMOOTH)
 @pytest.mark.parametrize("name", ["x", "y"])
-def test_it_is_what_sympy_finds(text: str, name: str) -> None:
+def test_the_derivative_is_what_sympy_finds(text: str, name: str) -> None:
     computed = compile_numpy([derivative(parse_formula(text, "xy", "here"), name)], "xy")(*PLACES)[0]
     x, y = sympy.symbols("x y", real=True)
     exact = sympy.lambdify(
@@ -34,7 +34,9 @@ def test_it_is_what_sympy_finds(text: str, name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "powers"), [("pos(x - y, 1)", 1), ("pos(x**2 - y, 2)*x", 2), ("pos(x, 5/2)", 2)]
 )
-def test_of_positive_parts_away_from_the_kink(text: str, powers: int) -> None:
+def test_the_derivative_of_positive_parts_is_the_difference_quotient_off_the_kink(
+    text: str, powers: int
+) -> None:
     value = compile_numpy([parse_formula(text, "xy", "here")], "xy")
     computed = compile_numpy([derivative(parse_formula(text, "xy", "here"), "x")], "xy")(*PLACES)[0]
     h = 1e-6

@@ -286,7 +286,7 @@ def test_any_formula_parses_to_reals_or_is_refused(text):
 
 
 @pytest.mark.parametrize("k", ["1", "3/2", "2", "7/3", "4"])
-def test_derivative_of_pos(k):
+def test_the_derivative_of_pos_is_the_difference_quotient_and_0_on_the_other_side(k):
     """Against central differences, whose error is O(step^2) = 1e-10; exactly 0 where the argument is <= 0."""
     f = parse_formula(f"pos(2*t - 1, {k})", ("t",), "here")
     value = formula.compile_numpy([f], "t")
@@ -329,7 +329,7 @@ def near(root):
         ("pos(1e-300*t - 1, 1)", [(1e300, 1)]),
     ],
 )
-def test_kinks_with_their_exponents(text, expected):
+def test_kinks_are_found_with_their_exponents(text, expected):
     """Roots by hand: (t - 1/3)(2/3 - t) has two, t^2 + 1 has none, 2 - 3 t one."""
     assert find_kinks(parse_formula(text, ("t",), "here"), "t") == expected
 

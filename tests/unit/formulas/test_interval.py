@@ -39,7 +39,7 @@ def test_at_points_nothing_is_wider_than_rounding(name):
         (lambda a: interval.multiply_intervals(a, a), (1e300, 1e300), interval.MIN_OVERFLOW, np.inf),
     ],
 )
-def test_known_ranges(function, ends, minimum, largest):
+def test_ranges_are_the_known_ones_up_to_rounding(function, ends, minimum, largest):
     """With extrema inside or not; nothing wider than rounding."""
     with np.errstate(all="ignore"):
         (low,), (high,) = function((np.array(ends[:1]), np.array(ends[1:])))

@@ -67,6 +67,6 @@ def test_the_roots_are_those_that_sympy_finds():
     ],
     ids=str,
 )
-def test_roots_by_hand(coefficients, roots):
+def test_roots_are_those_by_hand_and_multiple_ones_once(coefficients, roots):
     """Multiple ones once, those that only exact arithmetic tells apart, and those beyond all floats."""
     assert real_roots(coefficients) == pytest.approx(roots, rel=1e-15, abs=0)

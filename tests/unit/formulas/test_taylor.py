@@ -51,7 +51,7 @@ def test_the_remainder_falls_with_the_order(text):
 
 
 @pytest.mark.parametrize(("beta", "omega"), [(0.05, np.pi), (1.5, np.pi), (2 / 3, 1.5 * np.pi), (12.0, 0.2)])
-def test_the_harmonic_power(beta, omega):
+def test_the_harmonic_power_is_enclosed_at_and_near_the_vertex(beta, omega):
     """Against arb, on boxes along both sides of the angle, near its vertex and at it."""
     phase = 0.3
     for angle in (0.0, 0.4 * omega, omega):

@@ -78,14 +78,14 @@ def test_boundary_nodes_lie_at_exactly_uniform_arc_lengths(mesh):
     assert_allclose(mesh.h, (mesh.polygon.lengths / counts).max(), rtol=1e-12)
 
 
-def test_checks_accept_and_reproduce(mesh):
+def test_checks_accept_a_mesh_and_reproduce_its_boundary(mesh):
     again = from_arrays(mesh.polygon, mesh.points, mesh.triangles)
     assert_array_equal(again.boundary, mesh.boundary)
     assert_array_equal(again.s, mesh.s)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 16])
-def test_structured_sizes(n):
+def test_structured_meshes_have_the_counted_nodes_and_triangles(n):
     """By counting: (n + 1)^2 nodes in a square; three squares share 2 (n + 1) - 1 nodes in the L-shape."""
     for polygon, n_nodes, squares in (
         (square(), (n + 1) ** 2, 1),
@@ -115,7 +115,7 @@ def test_sizes_that_rounding_takes_away_are_refused_before_gmsh(place):
         make_unstructured_mesh(Polygon(4 * square().vertices + place), 1)
 
 
-def test_unstructured_size_and_shape():
+def test_unstructured_meshes_have_the_size_asked_for_and_no_small_angle():
     """Boundary edges as asked for, triangles not much larger, no angle below the wedge's own 20 degrees."""
     for polygon, h in ((find_polygon("lshape"), 0.1), (WEDGE, 0.03)):
         mesh = make_unstructured_mesh(polygon, h)
@@ -193,7 +193,7 @@ FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
         square_with([[0.4, 0.1], [0.6, 0.1], [0.5, 0.2]], [*FAN, [5, 6, 7]]),
     ],
 )
-def test_refusals(arrays):
+def test_arrays_that_are_no_mesh_are_refused(arrays):
     """Control: the fan itself is accepted."""
     assert from_arrays(square(), *square_with()).n_nodes == 5
     with sentences.raises(InputError):

@@ -38,7 +38,7 @@ def test_files_keep_every_bit(name, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
-def test_formats(ending, tmp_path):
+def test_every_format_keeps_the_points(ending, tmp_path):
     mesh = make_structured_mesh(find_polygon("lshape"), 1 / 4)
     write_mesh(mesh, tmp_path / f"mesh.{ending}")
     assert_array_equal(read_mesh(tmp_path / f"mesh.{ending}", find_polygon("lshape")).points, mesh.points)

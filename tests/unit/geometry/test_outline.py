@@ -137,7 +137,7 @@ def edges_over_rounding(places):
     return edges.min() / coordinate_rounding.max_point_error(places)
 
 
-def test_the_property_fails_without_the_digits(monkeypatch):
+def test_without_the_digits_turns_by_rounding_are_corners(monkeypatch):
     """Control: if all coordinates are taken for full doubles, turns by rounding are corners."""
     monkeypatch.setattr(coordinate_rounding, "rounding_units", lambda values: np.zeros(np.shape(values)))
     monkeypatch.setattr(
@@ -323,7 +323,7 @@ NUMBERS = np.random.default_rng(3).uniform(-1, 1, (40, 2)) * [3.0, 500.0]
 
 
 @pytest.mark.parametrize("digits", [4, 7, 11, 15])
-def test_the_digits_of_significant_digits(digits):
+def test_the_unit_of_numbers_in_significant_digits_is_that_of_their_last_digit(digits):
     computed = shorten_numbers(NUMBERS, digits)
     assert coordinate_rounding.significant_digits(computed) == digits
     exponents = np.floor(np.log10(np.abs(computed)))
@@ -336,7 +336,7 @@ def test_the_digits_of_significant_digits(digits):
 
 @pytest.mark.parametrize("offset", [0, 5e6])
 @pytest.mark.parametrize("decimals", [2, 5, 8])
-def test_the_digits_of_decimals(decimals, offset):
+def test_the_unit_of_decimals_is_that_of_their_last_place(decimals, offset):
     """Also where an offset was subtracted, which leaves round-off behind the last digit."""
     computed = np.round(NUMBERS + offset, decimals) - offset
     if offset and decimals == 8:  # as many digits as a double has at that offset
@@ -346,19 +346,19 @@ def test_the_digits_of_decimals(decimals, offset):
     )
 
 
-def test_the_digits_of_single_precision():
+def test_the_unit_of_single_precision_is_its_spacing():
     numbers = NUMBERS.astype(np.float32)
     np.testing.assert_array_equal(coordinate_rounding.rounding_units(numbers), np.spacing(np.abs(numbers)))
 
 
-def test_the_digits_of_single_precision_in_nine_digits():
+def test_the_unit_of_single_precision_in_nine_digits_is_at_least_its_spacing():
     computed = shorten_numbers(NUMBERS.astype(np.float32), 9)
     assert np.all(
         coordinate_rounding.rounding_units(computed) >= np.spacing(np.abs(computed).astype(np.float32))
     )
 
 
-def test_the_digits_of_doubles():
+def test_doubles_have_no_unit_of_rounding():
     assert not coordinate_rounding.rounding_units(NUMBERS).any()
     assert coordinate_rounding.significant_digits([0.0]) == 0
 

@@ -67,7 +67,7 @@ def bound_projection_error(m, alpha):
 
 
 @pytest.mark.parametrize("m", [2, 3, 8, 12])
-def test_the_norm_of_1_on_the_square(m):
+def test_the_norm_of_1_on_the_square_lies_in_its_bracket(m):
     """The maximiser is smooth; 1e-5 is asked for."""
     bracket = norm_on("square", m).bound_p0(np.ones((1, 4 * m)))
     assert bracket.lower <= ONE_ON_THE_SQUARE * (1 + 1e-12)
@@ -84,7 +84,7 @@ def test_the_weighted_l2_norm_is_not_this_norm():
 
 @pytest.mark.parametrize("m", [4, 12])
 @pytest.mark.parametrize("name", ["alternating", "one cell", "random"])
-def test_p0_data_on_one_side_against_the_cosine_series(m, name):
+def test_the_norm_of_p0_data_on_one_side_is_that_by_the_cosine_series(m, name):
     mu = {
         "alternating": (-1.0) ** np.arange(m),
         "one cell": (np.arange(m) == 1).astype(float),
@@ -96,7 +96,7 @@ def test_p0_data_on_one_side_against_the_cosine_series(m, name):
 
 @pytest.mark.parametrize("alpha", ["1/2", "1/20"])
 @pytest.mark.parametrize("m", [4, 8, 16])
-def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_path):
+def test_the_error_of_a_singular_lambda_is_that_by_its_cosine_series(m, alpha, tmp_path):
     (tmp_path / "atom.yaml").write_text(CASE.format(alpha=alpha))
     case = cases.load_solution(tmp_path / "atom.yaml", square())
     cells = partitions.make_uniform_partition(square(), 1 / m)
@@ -113,7 +113,7 @@ def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_
     ],
     ids=["square", "shifted", "lshape"],
 )
-def test_alternating_and_random_data_against_uniform_p2(cells, n):
+def test_norms_of_alternating_and_random_data_are_those_by_uniform_p2(cells, n):
     """The uniform meshes have at least 8 edges to a cell of length H; they resolve the norm to 1 %."""
     mu = np.stack([alternating(cells), np.random.default_rng(2).standard_normal(cells.n_cells)])
     below = np.sqrt(np.einsum("ki,ij,kj->k", mu, p2_gram(cells, n), mu))
@@ -121,7 +121,7 @@ def test_alternating_and_random_data_against_uniform_p2(cells, n):
 
 
 @pytest.mark.parametrize("name", POLYGONS)
-def test_angles_of_all_sizes_against_finer_spaces(name):
+def test_brackets_overlap_those_of_finer_spaces_at_angles_of_all_sizes(name):
     """Bounds of one number overlap; three times the edges leave at most a third of the limit, 0.5 %."""
     cells = partitions.make_uniform_partition(POLYGONS[name], 1 / 3)
     mu = np.stack([alternating(cells), *np.random.default_rng(3).standard_normal((3, cells.n_cells))])
@@ -151,7 +151,7 @@ def norms_at_a_point(request):
     ids=[*POLYGONS, "a vertex"],
 )
 @pytest.mark.parametrize("alpha", [Fraction(1, 2), Fraction(1, 20), Fraction(-1, 4)])
-def test_singular_points_and_a_vertex_against_finer_spaces(norms_at_a_point, alpha):
+def test_brackets_overlap_those_of_finer_spaces_at_singular_points_and_a_vertex(norms_at_a_point, alpha):
     """As above, with the limit for errors, 5 %."""
     position, coarse_norm, fine_norm = norms_at_a_point
     cells = coarse_norm.partition
@@ -251,7 +251,7 @@ def test_the_bounds_are_ordered_as_forms(name):
         assert np.linalg.eigvalsh(form)[0] >= -1e-12 * np.linalg.norm(gram.upper, 2)
 
 
-def test_the_best_approximation_against_direct_evaluations():
+def test_the_best_approximation_follows_from_direct_evaluations():
     """Their square is quadratic in mu_H; its least value follows from those at 21 places."""
     norm, functionals, gram = build_norm_and_gram("square", 1)
     n = norm.partition.n_cells

@@ -25,7 +25,7 @@ from unilateral.norms.ritz import (
 )
 
 
-def test_the_norm_of_u_and_the_order_of_its_approximations():
+def test_the_norm_of_u_is_its_closed_form_and_the_ritz_projection_is_nearest():
     """u = cos(pi x) cos(2 pi y)/2: ||u||_1^2 = (1 + 5 pi^2)/16; none in V_h is closer than z_h."""
     case = load("no_contact")
     spaces = condense_structured_mesh("square", 8)
@@ -131,7 +131,7 @@ def trace_of_no_contact(s):
 
 
 @pytest.mark.parametrize("m", [2, 4, 8])
-def test_how_far_the_ritz_projection_is_from_u_on_the_boundary(m):
+def test_the_boundary_error_of_the_ritz_projection_is_that_by_scikit_fem(m):
     """By scikit-fem's projection, u in closed form and another quadrature; 1e-6 for the quadrature of f."""
     discrete_problem = discrete("no_contact", 8, m, degree=12)
     z_h = project_by_skfem(load("no_contact"), discrete_problem.mesh)
@@ -152,7 +152,7 @@ def check_boundary_errors(discrete, means, squares):
     assert discrete.exact.ritz_means_norm(discrete.spaces) == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_boundary_error_where_u_is_singular():
+def test_the_boundary_error_where_u_is_singular_is_that_of_its_closed_form():
     """u = (1/2 - x)_+^{3/2} + 4 (x - 1/2)^2 on the bottom of `natural`; on the other sides u is the case's.
 
     1/2 is an end of edges, towards which 40 Gauss points leave 1e-7 of such a power: rel = 1e-6.
@@ -192,7 +192,7 @@ def test_means_of_several_gaps_are_those_of_each():
         assert cell_mean.projection_error == pytest.approx(single_cell_means.projection_error, rel=1e-12)
 
 
-def test_norms_of_a_multiplier_in_closed_form():
+def test_norms_of_a_multiplier_are_their_closed_forms():
     """6^6 ((s - 1/3)(2/3 - s))^3 on two sides: by Euler's beta function; its parts are orthogonal.
 
     ||lambda - mu||^2 + ||lambda + mu||^2 = 2 ||lambda||^2 + 2 ||mu||^2 for a random mu.

@@ -167,7 +167,7 @@ def test_the_inverse_of_the_pairing_without_signs_is_larger(make):
     assert inverse.min() < -ROUND
 
 
-def test_the_norm_of_the_operator_from_its_two_parts():
+def test_the_norm_of_the_operator_is_the_largest_over_its_two_parts():
     """The largest rho^2 a^2 + (b + n a)^2 over all a^2 + b^2 = 1, on a fine grid."""
     angle = np.linspace(0, np.pi, 100_001)
     a = np.cos(angle)
@@ -178,7 +178,7 @@ def test_the_norm_of_the_operator_from_its_two_parts():
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_how_far_the_operator_moves_functions(name):
+def test_the_operator_moves_functions_by_at_most_its_constant(name):
     """||v - Pv||_0 <= n |v|_1, by the largest quotient. Control: an eighth of n is not enough."""
     mesh, cells = PAIRS[name]()
     P, fine, _ = operator_of(mesh, cells)
@@ -196,7 +196,7 @@ def test_how_far_the_operator_moves_functions(name):
 
 
 @pytest.mark.parametrize("make", [PAIRS["ends inside edges"], near_ends])
-def test_integrals_over_parts_of_edges(make):
+def test_integrals_over_parts_of_edges_are_below_their_bounds(make):
     """Those of functions without means on edges, by their largest values. Control: a tenth is not enough."""
     mesh, cells = make()
     fine = meshes.refine_uniformly(mesh, FINER + 1)
@@ -213,7 +213,7 @@ def test_integrals_over_parts_of_edges(make):
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_the_extended_hats(name):
+def test_extended_hats_are_hats_on_the_boundary_and_decrease_inside(name):
     """On the boundary the hats; inside along edges, layer by layer, so at most by the shortest distance."""
     mesh, cells = PAIRS[name]()
     nodes = innermost_nodes(mesh.s, cells)[0]
@@ -236,7 +236,7 @@ def test_the_extended_hats(name):
 
 
 @pytest.mark.parametrize("name", ["unstructured", "re-entrant"])
-def test_the_averages_from_gradients(name):
+def test_averages_from_gradients_are_those_from_values(name):
     """Aw - w_T from the gradients is that from the values, for all functions with means on edges."""
     mesh, _ = PAIRS[name]()
     means = np.eye(len(mesh.triangulation.ends))
@@ -279,7 +279,7 @@ def test_the_bound_is_below_beta_and_within_a_factor_of_four(make):
     assert beta / 4 < lower_bound <= beta
 
 
-def test_it_is_nearly_the_same_on_all_levels():
+def test_the_lower_bound_of_beta_is_nearly_the_same_on_all_levels():
     """The constants are those of shapes, up to what ||v||_0 adds, which is of the order of h."""
     lower_bounds = [
         beta_lower_bound(*pair(make_structured_mesh(square(), h), 2 * h)) for h in (1 / 16, 1 / 32, 1 / 64)

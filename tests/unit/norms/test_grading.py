@@ -81,7 +81,7 @@ def test_cells_that_end_at_a_singular_point_up_to_round_off(n):
 
 
 @pytest.mark.parametrize("length", [1e-3, 1e-5, 1e-6, 1e-7])
-def test_short_cells(length):
+def test_the_gap_stays_small_beside_short_cells(length):
     """No edge is shorter than SHORTEST, and the gap for P0 functions stays below 0.5 %."""
     cells = partitions.from_points(square(), [0, 0.5, 0.5 + length, 1, 2, 3, 4])
     norm = build_dual_norm(cells)
@@ -101,7 +101,7 @@ def scaled_square(L):
 
 
 @pytest.mark.parametrize("L", [0.01, 10, 100])
-def test_the_gap_on_small_and_large_squares(L):
+def test_the_gap_stays_small_on_small_and_large_squares(L):
     """With edges of LONGEST at most; mu = 1 against its closed form."""
     norm = build_dual_norm(partitions.make_uniform_partition(scaled_square(L), L / 8))
     bracket = norm.bound_p0(np.vstack([np.ones(32), (-1.0) ** np.arange(32)]))
@@ -125,7 +125,7 @@ def test_without_the_longest_edge_the_gap_on_a_large_square_is_missed(monkeypatc
 
 
 @pytest.mark.parametrize("degrees", [1, 10, 30])
-def test_edges_near_shorter_ones_on_another_side(degrees):
+def test_edges_near_shorter_ones_on_another_side_are_graded_to_them(degrees):
     """At a wedge's sides that are nearer than their cells are long; a short cell faces long ones."""
     cells = wedge(degrees)
     s = np.append(grade_boundary_nodes(cells, (), 8), cells.polygon.perimeter)
@@ -141,7 +141,7 @@ def test_edges_near_shorter_ones_on_another_side(degrees):
     assert agree_to_half_percent(bracket)
 
 
-def test_without_that_the_gap_in_a_wedge_is_missed(monkeypatch):
+def test_without_grading_to_other_sides_the_gap_in_a_wedge_is_missed(monkeypatch):
     """Control."""
     monkeypatch.setattr(grading, "_halve_near_shorter_edges", lambda _, s: s)
     cells = wedge(1)

@@ -116,7 +116,7 @@ def test_the_bounds_of_beta_are_close(polygon, n, m):
 
 
 @pytest.mark.parametrize(("polygon", "n", "m", "fine"), [("square", 4, 2, 32), ("lshape", 3, 2, 24)])
-def test_beta_against_dense_algebra(polygon, n, m, fine):
+def test_beta_lies_in_its_bracket_by_dense_algebra(polygon, n, m, fine):
     """D by the full matrix of V_h, G from uniform P2, which is a lower bound of the form within 1 %."""
     mesh = make_structured_mesh(find_polygon(polygon), 1 / n)
     cells = uniform(polygon, m)
@@ -136,7 +136,7 @@ def test_beta_is_at_most_1():
 
 
 @pytest.mark.parametrize("polygon", ["square", "lshape"])
-def test_beta_0_against_a_generalised_eigenvalue(polygon):
+def test_beta_0_is_a_generalised_eigenvalue(polygon):
     """beta_0^2 is the least of sup (<mu, v>/||v||_1)^2 against H ||mu||_0^2."""
     cells = partitions.make_shifted_partition(find_polygon(polygon), 1 / 4, 0.6)
     op = operator(make_structured_mesh(find_polygon(polygon), 1 / 18), cells)
@@ -176,7 +176,7 @@ def smallest_angle(corners):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_resolution_against_brute_force(seed):
+def test_the_resolution_is_that_by_brute_force(seed):
     rng = np.random.default_rng(seed)
     polygon = [square(), find_polygon("lshape"), RECTANGLE][seed % 3]
     mesh = mesh_with_nodes(polygon, rng.integers(1, 9, polygon.n_sides))

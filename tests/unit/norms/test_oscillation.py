@@ -141,7 +141,7 @@ def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
 @pytest.mark.parametrize("form", [H1, Form(4.0, 9.0), Form(1.0, 1e3)])
 @pytest.mark.parametrize("size", [0.01, 1.0, 30.0])
 @pytest.mark.parametrize("name", TRIANGLES)
-def test_the_constant_for_values_on_an_edge(name, size, form):
+def test_the_constant_for_values_on_an_edge_is_above_the_best_one(name, size, form):
     """Control: a third of it is too small where triangles are small beside (k/c)^(1/2).
 
     There the best v is 1, with |e|/|T|/c.
@@ -243,7 +243,7 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
 
 
 @pytest.mark.parametrize("name", POLYGONS)
-def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
+def test_brackets_overlap_for_a_partition_that_is_not_nested_in_the_reference_mesh(name):
     """Bounds by spaces for a finer partition overlap those by spaces for its own; 5 % as for errors."""
     polygon = POLYGONS[name]
     other_shifted_partition = partitions.make_shifted_partition(polygon, 1 / 4, 0.37)

@@ -120,7 +120,7 @@ def test_the_normal_fluxes_take_the_given_values(name):
 
 
 @pytest.mark.parametrize("name", ["shifted", "dart"])
-def test_the_forms_against_dense_algebra(name):
+def test_suprema_and_least_fluxes_are_those_by_dense_algebra(name):
     """sup <mu, v>^2 / ||v||^2 = b^T A^{-1} b; the least flux solves the normal equations."""
     spaces = spaces_of(name, 2)
     rng = np.random.default_rng(1)
@@ -139,7 +139,7 @@ def test_the_forms_against_dense_algebra(name):
     assert_allclose(spaces.least_fluxes(sp.csc_array(values)), q.T @ E @ q, rtol=1e-9)
 
 
-def test_products_with_columns_that_are_zero_or_equal():
+def test_products_with_columns_that_are_zero_or_equal_are_those_by_dense_algebra():
     """Against dense algebra; a pivot among those of the columns would be 0 for each of the two."""
     rng = np.random.default_rng(2)
     n = 40

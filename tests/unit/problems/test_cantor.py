@@ -105,7 +105,7 @@ def test_the_atom_is_the_sum_of_single_ones(polygon):
         np.testing.assert_allclose(values, sum(single_values), rtol=0, atol=displaced)
 
 
-def test_its_trace_and_flux_are_the_sums_too():
+def test_the_trace_and_flux_of_the_atom_are_sums_of_single_ones():
     t = np.linspace(0, 1, 2001)
     along = SidePoints(t, t, 0 * t)
     trace = atom().trace_and_normal_flux(0, along)
@@ -116,7 +116,7 @@ def test_its_trace_and_flux_are_the_sums_too():
 
 
 @pytest.mark.parametrize("gamma", [Q(1), Q(3, 2), Q(2), Q(1, 2)])
-def test_the_gap_by_hand(gamma):
+def test_the_gap_has_the_tops_of_its_tents(gamma):
     """The top of a tent of length l is (l/4)^gamma, or a hundredth of it on what is left."""
     value = compile_numpy([cantor_gap(family(2), gamma)], "t")
     first = 443 / 1600

@@ -138,7 +138,7 @@ ROOT_FLUXES = [  # the case, where it is put, the start and the cutoff of the fl
 
 
 @pytest.mark.parametrize(("name", "polygon", "side", "start", "cutoff", "rounding"), ROOT_FLUXES)
-def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
+def test_the_flux_of_a_root_is_its_closed_form_on_its_own_side(name, polygon, side, start, cutoff, rounding):
     """lambda = s_+^(1/2) (1 - (s/cutoff)^2)_+^4 on the own side, else 0; s = t - start in side lengths.
 
     At a vertex, sides of other lengths see the cutoff's end from coordinates.
@@ -189,7 +189,7 @@ def test_distances_along_a_side_do_not_round():
     ],
 )
 @pytest.mark.parametrize("size", [1.0, 8.0])
-def test_where_curves_cross_the_sides(kink, crossings, size):
+def test_crossings_of_curves_with_sides_are_those_by_hand(kink, crossings, size):
     """By hand, as fractions of the sides of the square; a curve along a side or through a vertex is on it."""
     centre = (size * kink.centre[0], size * kink.centre[1])
     large = Kink(centre, size * kink.radius, kink.tangent)
@@ -283,7 +283,7 @@ def test_the_flux_does_not_depend_on_the_size(name):
     np.testing.assert_allclose(large.source(10 * points), u_large - laplacian, rtol=1e-5)
 
 
-def test_natural_by_complex_arithmetic():
+def test_natural_is_that_by_complex_arithmetic():
     """u = -Im z^(3/2) + 4 |z|^2, z = x - 1/2 + iy; the principal branch is continuous on Im z >= 0."""
     points = np.vstack([inside(square(), 500), [[0.2, 0.0], [0.8, 0.0], [0.5, 0.0], [0.0, 0.0]]])
     z = points[:, 0] - 0.5 + 1j * points[:, 1]
@@ -456,11 +456,11 @@ def test_bad_fields_are_named(declare_thirds, changed, message):
         ("nowhere.yaml", "square", 0, "there is no file nowhere.yaml"),
     ],
 )
-def test_wrong_places(name, polygon, side, message):
+def test_wrong_places_are_refused_with_the_reason(name, polygon, side, message):
     assert message in refusal(name, polygon, side)
 
 
-def test_a_constant_without_a_value(declare_thirds):
+def test_a_constant_without_a_value_on_the_polygon_is_refused(declare_thirds):
     triangle = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     file = declare_thirds(polygons="any", constants={"c1": {"square": "1/2"}})
     with sentences.raises(InputError):

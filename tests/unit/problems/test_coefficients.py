@@ -65,7 +65,7 @@ def test_bounds_are_those_of_the_same_problem_in_other_units(pair):
 
 
 @pytest.mark.parametrize(("k", "c"), [(2, "3000000"), ("1/7", "100000"), (1, "50")])
-def test_the_bound_of_a_known_solution(k, c):
+def test_the_bound_is_above_the_error_of_a_known_solution_in_the_energy_norm(k, c):
     """u = 50 |x - m|^2 + x, full contact: lambda = k (100 (x - m) + e_1) . n > 0 on all sides, f follows.
 
     The error in the energy norm lies under the bound; a bound in another norm, such as without k, would be
@@ -150,6 +150,6 @@ def test_idle_sides_know_c():
 @pytest.mark.parametrize(("f", "g"), [("-1", "0"), ("0", "-1"), ("-1", "x*0"), ("0*x", "-1")])
 @pytest.mark.parametrize("k", ["2.1e5", "1e6", "1e-6"])
 @pytest.mark.parametrize("c", ["1", "1e-8"])
-def test_0_is_0_in_all_units(f, g, k, c):
+def test_data_of_0_are_accepted_in_all_units(f, g, k, c):
     """It is enclosed by numbers of 1e-323, which are larger in other units; and it is not refused."""
     assert ul.Problem(UNIT, f, g, k=k, c=c).polygon.n_sides == 4

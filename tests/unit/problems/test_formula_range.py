@@ -35,7 +35,7 @@ TRIANGLE = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), "triangle")
         ("exp(36*x)*exp(-60*x**2)*exp(-27/5)", np.exp(-60 * 0.7**2), 1),  # exp(-60 (x - 3/10)^2)
     ],
 )
-def test_known_ranges(text, minimum, largest):
+def test_known_ranges_are_enclosed_sharply(text, minimum, largest):
     """On the unit square: not inside the range, and no wider than the stated sharpness."""
     lower, upper = range_in_polygon(square(), parse_formula(text, ("x", "y"), "here"))
     slack = 4 * RANGE_TOLERANCE_PER_SPREAD * (largest - minimum) + 1e-8 * abs(minimum)
@@ -43,7 +43,7 @@ def test_known_ranges(text, minimum, largest):
     assert largest <= upper <= largest + slack
 
 
-def test_samples_alone_would_not_do():
+def test_samples_alone_miss_a_narrow_well():
     """Control: the narrow well above lies between the points of a grid."""
     formula = parse_formula("1 - 2*pos(1e-4 - (x - 0.14)**2, 1)*10000", ("x", "y"), "here")
     grid = np.linspace(0, 1, 33)

@@ -57,7 +57,9 @@ def polar(kind, alpha=None, vertex=2):
     ],
     ids=["1/2", "-1/4", "-1/2", "free", "held", "free at 90 degrees", "transition"],
 )
-def test_what_is_bounded_on_the_sides(atom, lipschitz, flux_bounded, flux_in_L2, in_H2):
+def test_the_regularity_of_an_atom_follows_from_its_exponent(
+    atom, lipschitz, flux_bounded, flux_in_L2, in_H2
+):
     """u is like r^beta on a side or 0 there, lambda like r^(beta - 1) or 0, beta = 1 + alpha or pi/omega.
 
     So with beta < 1 a trace is Lipschitz, or a flux bounded, only if it vanishes on both sides.
@@ -92,7 +94,7 @@ def test_a_linear_transition_is_bounded():
     assert polar("transition", "0").regularity.flux_bounded
 
 
-def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
+def test_an_atom_at_a_vertex_has_its_trace_on_a_side_of_another_length():
     """r^2 cos 2 theta at 90 degrees: -r^2 on the side before, of length 2, without flux."""
     r = np.array([0.1, 0.25])
     along = SidePoints(1 - r / 2, np.ones(2), -r / 2)
@@ -101,7 +103,7 @@ def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
     np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-15)
 
 
-def test_the_points_at_which_polar_atoms_are_not_smooth():
+def test_polar_atoms_are_singular_at_their_centre_and_at_the_ends_of_their_cutoff():
     """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
     computed = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
     assert computed == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
@@ -131,7 +133,7 @@ def means(case, cells, near=True):
 
 @pytest.mark.parametrize("cells", [(1 / 2, 0.0), (1 / 8, 0.37), (1 / 64, 0.05), (1 / 512, 0.0)])
 @pytest.mark.parametrize("name", ALPHA)
-def test_cell_means_in_closed_form(name, cells):
+def test_cell_means_are_their_closed_forms(name, cells):
     """To 1e-11 of the largest: the closed form cancels."""
     partition = partitions.make_shifted_partition(square(), *cells)
     x = np.minimum(partition.points, 1.0)
@@ -147,7 +149,7 @@ def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
     assert not cell >= 0.95 * exact
 
 
-def test_the_corners_of_the_l_shape():
+def test_atoms_at_the_re_entrant_vertex_have_their_traces_and_fluxes():
     """r^(2/3) cos(2 theta/3) has no flux and the traces +-r^(2/3); the held one no trace and both fluxes."""
     r = np.linspace(1e-3, 0.49, 100)
     chi = (1 - 4 * r**2) ** 4
@@ -171,7 +173,9 @@ def test_the_corners_of_the_l_shape():
         ("reentrant_full", 2, 1.5 * np.pi, (4, -0.45, 0.55)),
     ],
 )
-def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square_distance):
+def test_in_full_contact_at_a_vertex_the_flux_is_that_of_the_square_alone(
+    name, vertex, angle, square_distance
+):
     """r^(pi/omega) cos(pi theta/omega), r and theta by complex numbers, and a square distance.
 
     On the two sides at the vertex lambda is that of the latter alone: the same number all along and positive.

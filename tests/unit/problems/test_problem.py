@@ -384,7 +384,7 @@ def test_a_jump_at_a_free_side_is_harmless(write_problem):
 
 
 @pytest.mark.parametrize("content", ["", "- 1\n"])
-def test_files_that_declare_nothing(tmp_path, content):
+def test_files_that_declare_nothing_are_refused(tmp_path, content):
     (tmp_path / "own.yaml").write_text(content)
     with sentences.raises(InputError):
         problem_file.is_problem_file(str(tmp_path / "own.yaml"))

@@ -41,7 +41,7 @@ def test_the_integral_of_f_is_the_closed_form(f, integral):
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_jump_beside_a_root_that_has_no_range_on_large_pieces():
+def test_the_integral_over_a_jump_beside_a_root_is_the_closed_form():
     """With d = 1/1000, H'' = (t^2 + d)^(1/2): the integral is H(2/3) - H(0) + H(1) - H(1/3).
 
     On a piece that x = y crosses the terms of (x - y)^2, multiplied out, may be as small as -2.

@@ -37,7 +37,7 @@ def assemble_by_scikit_fem(mesh, k, c):
 
 @pytest.mark.parametrize("data", COEFFICIENTS)
 @pytest.mark.parametrize("free", [(), (1,)])
-def test_they_are_scikit_fem_s(data, free):
+def test_matrices_are_those_of_scikit_fem(data, free):
     """All integrands are polynomials that both integrate exactly: they agree but for rounding."""
     matrix_solver = solver(free, **data)
     matrices = matrix_solver.matrices()
@@ -97,7 +97,7 @@ def test_D_and_S_are_those_of_A_and_B(data, algorithm):
     )
 
 
-def test_they_follow_the_load():
+def test_matrices_follow_the_load():
     matrix_solver = solver()
     matrices = matrix_solver.matrices(f="1", g=lambda x, y: x)
     assert matrices.F.sum() == pytest.approx(matrix_solver.mesh.areas.sum(), rel=1e-13)

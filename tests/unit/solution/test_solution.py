@@ -42,7 +42,7 @@ def test_contact_intervals_are_runs_of_cells_on_one_side():
     assert (contact.lengths.tolist(), contact.length, contact.full) == ([0.75, 0.25, 0, 0.25], 1.25, False)
 
 
-def test_u_at_nodes_between_them_and_outside(shelter):
+def test_u_at_points_is_nodal_linear_between_nodes_and_nan_outside(shelter):
     """u_h is its nodal values at nodes, and linear: their mean at centroids.."""
     mesh = shelter.mesh
     np.testing.assert_allclose(shelter.u_at(mesh.points), shelter.u, rtol=0, atol=1e-12)
@@ -52,7 +52,7 @@ def test_u_at_nodes_between_them_and_outside(shelter):
     assert np.isnan(shelter.u_at([(-0.1, 0.5), (3, 3), (np.nan, 0)])).all()
 
 
-def test_u_at_any_point_of_the_boundary(shelter):
+def test_u_at_any_point_of_the_boundary_is_its_trace(shelter):
     """Round-off puts points of slanted sides a little outside; they belong to the polygon."""
     mesh = shelter.mesh
     s = np.linspace(0, mesh.polygon.perimeter, 1000, endpoint=False)
@@ -73,7 +73,7 @@ def test_points_beside_the_boundary_are_on_it_or_outside(shelter):
     assert np.isnan(shelter.u_at(far)).all()
 
 
-def test_lambda_along_a_side(shelter):
+def test_lambda_along_a_side_is_that_of_its_cells(shelter):
     """The values of the cells that `cells` lists; NaN beyond the ends."""
     item = shelter.cells().query("side == 1")
     starts = item["start"].to_numpy() - shelter.mesh.polygon.starts[1]

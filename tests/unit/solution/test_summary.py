@@ -161,7 +161,7 @@ def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypat
         assert "not bounded yet: see bounds" in repr(ul.solve("natural", **SIZES))
 
 
-def test_a_whole_boundary_in_contact_and_none():
+def test_the_printed_length_of_contact_is_the_whole_boundary_or_0():
     """By hand: g above f everywhere presses u onto g; g far below leaves u alone."""
     full = ul.solve(ul.Problem(SQUARE, f=0, g=1), **SIZES)
     none = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES)

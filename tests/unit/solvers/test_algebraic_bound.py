@@ -172,7 +172,9 @@ def test_the_bound_is_one_however_much_cancels(way: str, scale: float) -> None:
 @pytest.mark.parametrize(("c", "clamped"), [(0, (1,)), (0, (0, 1)), (1, (1, 2))])
 @pytest.mark.parametrize("scale", [1e0, 1e4, 1e8, 1e12])
 @pytest.mark.parametrize("way", ["newton", "multigrid", "adapted"])
-def test_it_is_one_beside_clamped_sides(way: str, scale: float, c: float, clamped: tuple[int, ...]) -> None:
+def test_the_bound_is_one_beside_clamped_sides(
+    way: str, scale: float, c: float, clamped: tuple[int, ...]
+) -> None:
     """There u_h - held falls from u to 0 within an element, which costs a digit."""
     discrete, solved = solution(way, problem(scale, c, clamped))
     assert 0 < largest_error(discrete, solved) <= solved.result.bound <= 1e-9 + 1e-11 * scale
@@ -209,7 +211,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-2, 2e-3])
-def test_the_norm_of_lambda_is_one_from_below(length: float) -> None:
+def test_the_computed_norm_of_lambda_is_below_the_exact_one(length: float) -> None:
     """On small domains A_3 is known to fewer digits."""
     small = ul.Problem(length * np.array(SQUARE), "-1", g="0")
     mesh = make_structured_mesh(small.polygon, length / 4)
@@ -272,7 +274,7 @@ def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
 
 @pytest.mark.parametrize("P", [0.0, 1e-4, 1.0])
 @pytest.mark.parametrize("delta", [0.0, 1e-4, 1.0])
-def test_nor_by_the_energy(P: float, delta: float) -> None:
+def test_no_number_above_the_bound_fulfils_the_inequality_of_the_energy(P: float, delta: float) -> None:
     """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
     dual_operator = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), shift_norm=2.0)
     assert dual_operator.is_singular

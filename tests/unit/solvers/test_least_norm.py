@@ -46,7 +46,7 @@ def test_v_is_optimal(force, start):
         assert gradient.min() > -1e-9 * scale
 
 
-def test_one_unknown():
+def test_the_minimum_over_one_unknown_is_the_closed_form():
     """l v + s |v| over v >= c: c where c > 0, 0 where l <= s and c <= 0, and c where l > s."""
     for load, c, expected in ((0.5, 1.0, 1.0), (0.5, -1.0, 0.0), (3.0, -1.0, -1.0), (2.0, 0.0, 0.0)):
         for active in (True, False):

@@ -197,7 +197,7 @@ def problem(number: int) -> Both:
 
 
 @pytest.mark.parametrize("number", range(N_UNIFORM + len(ADAPTED)))
-def test_it_finds_the_solution_of_the_condensed_problem(number: int) -> None:
+def test_multigrid_finds_the_solution_of_the_condensed_problem(number: int) -> None:
     """And Ritz values lie between 0 and 1.
 
     Adapted meshes have one level with cells, which starts from 0 with all of them active.
@@ -227,7 +227,7 @@ def test_another_load_has_another_solution() -> None:
 
 
 @pytest.mark.parametrize("adapted", [False, True])
-def test_no_contact_full_contact_and_no_cells(adapted: bool) -> None:
+def test_no_contact_and_full_contact_are_found_and_no_cells_have_no_multiplier(adapted: bool) -> None:
     mesh, partition = adapted_to(coarse("square 4"), 0, 6) if adapted else uniform(coarse("square 3"), 3, 2)
     values = np.ones(partition.n_cells)
     for g, active in ((100 * values, len(values)), (-100 * values, 0)):
@@ -292,7 +292,7 @@ def test_a_bound_of_half_the_size_or_without_the_defect_is_none() -> None:
     assert any(without)
 
 
-def test_a_gap_at_the_end_of_its_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gap_at_the_end_of_its_doubt_attains_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but a gap: u = lambda = load = 0. The gap that is computed is -1, the true one is -1 - doubt.
 
     v is 1 + doubt there and not 1, so ||v||_1 + ||u - v||_1 is 2 (1 + doubt) ||hat||_1. That is attained
@@ -315,7 +315,9 @@ def test_a_gap_at_the_end_of_its_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("number", [0, 3, 7, 10])
-def test_it_ends_by_the_tolerance_and_the_bound_is_not_much_too_large(number: int, tolerance: float) -> None:
+def test_multigrid_ends_by_the_tolerance_and_its_bound_is_not_much_too_large(
+    number: int, tolerance: float
+) -> None:
     problems = problem(number)
     solution = problems.grids.solve(tolerance)
     true = max(problems.errors(solution.u, solution.lambda_H))
@@ -365,7 +367,7 @@ def test_iterations_do_not_grow_with_the_depth(times: int) -> None:
     assert computed.iteration_counts[-1][0] >= times
 
 
-def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_iterations_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Control: with the finest and the coarsest level only, the least eigenvalue falls with the depth."""
 
     def skip_smoothing(level: FinerSpace, S: object, r: Array) -> tuple[Array, Array]:
@@ -377,7 +379,7 @@ def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.Monke
     assert ritz(deep.__wrapped__(10))[0] < 0.3
 
 
-def test_it_goes_on_from_what_was_found() -> None:
+def test_multigrid_goes_on_from_what_was_found() -> None:
     """On the set of the solution it takes one step, from all cells active it takes more."""
     grids = problem(0).grids
     first = grids.solve(1e-3)

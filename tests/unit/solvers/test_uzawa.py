@@ -36,7 +36,7 @@ def test_every_method_ends_within_its_bound_of_the_active_set_s_multiplier(offse
         assert distance(dual_operator, result.lambda_H, expected.lambda_H) <= result.bound + 1e-14
 
 
-def test_so_it_does_where_beta_is_zero():
+def test_uzawa_ends_within_its_bound_of_the_active_set_s_multiplier_where_beta_is_zero():
     """The energy bound gets to a tenth of a per cent only."""
     dual_operator = operator(8, 1)
     expected = solve_by_active_set(dual_operator, partial_contact(dual_operator), 1e-6)
@@ -64,7 +64,7 @@ def test_start_at_the_solution_takes_no_step_and_is_left_as_it_was():
     assert (start == 1).all()
 
 
-def test_iterates_are_the_papers():
+def test_iterates_are_those_of_the_paper():
     """Three steps of (5.1)-(5.3) with full solves on all nodes: u^n from lambda^n, clip of the cell mean."""
     spaces = condense_structured_mesh("square", 8)
     partition = partitions.make_uniform_partition(square(), 0.3)
@@ -118,7 +118,7 @@ def test_above_the_limit_the_clip_leaves_a_bounded_cycle():
 @pytest.mark.parametrize(
     ("method", "share"), [("uzawa", 1.9), ("nesterov", 1), ("barzilai_borwein", 1), ("newton", 1)]
 )
-def test_the_step_where_none_is_given(method, share):
+def test_the_default_step_is_a_share_of_one_over_lambda_max(method, share):
     """1/lambda_max(S) is that of the theory of projected gradients with momentum (Nesterov 1983).
 
     Plain steps converge below 2/lambda_max(S); a twentieth less leaves half the steps of 1/lambda_max(S).
@@ -164,7 +164,7 @@ def test_slowest_mode_takes_the_predicted_number_of_steps():
         (1 / 8, 1.0, 0.0, math.inf),
     ],
 )
-def test_predicted_steps_where_all_eigenvalues_are_4(rho, bound0, tolerance, steps):
+def test_predicted_steps_are_those_of_a_geometric_sequence(rho, bound0, tolerance, steps):
     """The error shrinks by |1 - 4 rho| a step: three times a half are an eighth; none is left, or all."""
     dual_operator = DualOperator(np.eye(3), np.full(3, 0.25), 1.0)
     assert predicted_steps(dual_operator, rho, bound0, tolerance) == steps

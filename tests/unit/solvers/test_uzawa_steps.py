@@ -49,7 +49,7 @@ def momentum(restarts, rho):
         yield x
 
 
-def test_momentum_with_restarts_as_published():
+def test_momentum_with_restarts_is_as_published():
     """Equal but for rounding, for whose growth over the steps there is room."""
     restarts = []
     expected = np.array(list(islice(momentum(restarts, 0.9), 400)))
@@ -92,7 +92,7 @@ def dai_fletcher(cuts, rho):
         k = k + 1
 
 
-def test_barzilai_and_borwein_s_steps_with_the_published_safeguard():
+def test_barzilai_and_borwein_s_steps_have_the_published_safeguard():
     """Equal but for rounding, for whose growth over the steps there is room."""
     cuts = []
     expected = np.array(list(islice(dai_fletcher(cuts, 0.9), 50)))
@@ -117,7 +117,7 @@ def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():
     ("start", "expected"),
     [([1.0, 1.0], [0.91 / 0.19, 0.0]), ([1.0, 0.0], [1.0, 0.0]), ([0.0, 1.0], [0.0, 0.1])],
 )
-def test_a_newton_step_by_hand(start, expected):
+def test_a_newton_step_is_that_by_hand(start, expected):
     """S = [[1, 0.9], [0.9, 1]] and b = (-1, -0.1), with what is positive at the start taken for contact.
 
     There S y = -b, (0.91, -0.8)/0.19 on both, and 0 elsewhere, and in the place of what is negative.

@@ -76,7 +76,7 @@ def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> 
 
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
-def test_the_coarsest_one_is_solved_with(mesh: str, case: str) -> None:
+def test_the_coarsest_matrix_is_solved_with_exactly(mesh: str, case: str) -> None:
     S = truncated_products(mesh, case)[-1]
     hierarchy = make_hierarchy(mesh).of
     S = S + np.diag(np.where(np.diag(S) < 1e-10 * hierarchy.A_0.diagonal(), hierarchy.A_0.diagonal(), 0))

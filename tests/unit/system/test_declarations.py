@@ -75,7 +75,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED)
-def test_refusals(read, text, message):
+def test_declarations_that_do_not_fit_are_refused_with_the_place(read, text, message):
     with pytest.raises(InputError) as refusal:
         read(text)
     assert str(refusal.value).startswith("own.yaml")

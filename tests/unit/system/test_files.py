@@ -99,14 +99,14 @@ def test_files_beside_the_named_one_come_with_it(tmp_path):
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "paper.md"])
-def test_a_folder_that_is_not_there(tmp_path, name):
+def test_a_folder_that_is_not_there_is_refused(tmp_path, name):
     with sentences.raises(InputError, name) as error:
         WRITERS[name](tmp_path / "missing" / name)
     assert error.value.exit_code == 2
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_comes_into_the_way(tmp_path):
+def test_a_folder_in_the_place_of_a_file_is_refused(tmp_path):
     """Its name is taken by no file."""
     with sentences.raises(InputError, "a.nc") as error:
         written_beside_a_folder(tmp_path / "a.nc")

@@ -85,7 +85,7 @@ def test_one_gram_matrix_serves_the_cells_and_their_edges():
     assert beta_constants["beta_of_edges"] == 0
 
 
-def test_seconds_add_up(tables_of_thirds):
+def test_spent_seconds_never_fall_from_level_to_level(tables_of_thirds):
     """So they never fall; how many there are depends on the machine."""
     spent = tables_of_thirds[2]["spent_seconds"]
     assert np.array_equal(spent.notnull(), tables_of_thirds[0]["unknowns"].notnull())
@@ -104,7 +104,7 @@ def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
     assert float(constants["edges_per_cell"].min()) == 2
 
 
-def test_tables_are_put_together(tables_of_thirds):
+def test_joined_tables_have_all_cases_and_nan_beyond_the_last_level(tables_of_thirds):
     errors = tables_of_thirds[0]
     join_tables = adaptive.join_tables([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
     assert join_tables["case"].values.tolist() == ["a", "b"]
@@ -139,7 +139,7 @@ def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
     assert_allclose(every[:2], [0.5 - 1, 0.5])
 
 
-def test_of_a_case_without_a_start_nothing_is_asymptotic():
+def test_no_level_is_asymptotic_in_a_case_without_a_start():
     row = adaptive.rates_in_unknowns(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
     assert not row["asymptotic"].any()
     assert row["error_rate"].isnull().all()
@@ -169,7 +169,7 @@ def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():
     assert rows.values.tolist() == [["`c`", "0.5", "100", "20", "5.0", "5.7"]]
 
 
-def test_of_beta_flat_meshes_are_told_apart():
+def test_the_least_beta_of_flat_meshes_is_apart_from_that_of_others():
     betas = {"beta_lower": [0.8, 0.7, 0.5], "beta_upper": [0.81, 0.71, 0.51], "smallest_angle": [45, 20, 19]}
     betas |= {"beta_of_edges": [0, 0.02, 0.01], "beta_0": [0.3, 0.2, 0.4]}
     constants = xr.Dataset({name: ("level", np.array(values)) for name, values in betas.items()})

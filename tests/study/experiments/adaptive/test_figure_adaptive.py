@@ -9,7 +9,7 @@ from study import tables
 from study.experiments.adaptive import adaptive_figure as adaptive
 
 
-def test_the_table(tmp_path):
+def test_the_table_has_a_row_per_level_and_whole_numbers_of_unknowns(tmp_path):
     """A row per level that there is; unknowns are whole numbers, which a CSV table does not round."""
     order = ("case", "kind", "level")
     N = np.array([[[12345.0, np.nan], [12345.0, 23456.0]]])

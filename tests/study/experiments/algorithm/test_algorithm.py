@@ -64,7 +64,7 @@ def test_the_printed_index_gives_the_quadratic_recursion():
     assert value == pytest.approx(np.linalg.norm(now), rel=1e-6)
 
 
-def test_the_ranges_of_rho():
+def test_the_iteration_converges_below_two_over_lambda_max_and_as_printed_below_half_of_it():
     """Full contact: 2/lambda_max(S) as meant, half of it as printed; on both sides of either limit."""
     row = measure_iterations()["distance"].sel(case="full_contact")
     meant = row.sel(variant="as meant")
@@ -93,7 +93,7 @@ def test_the_pair_is_a_saddle_point_and_no_other_is():
         assert np.all(table[f"{name}_elsewhere"] < -1e-3)
 
 
-def test_what_is_not_constant_on_the_cells_by_a_finer_sum():
+def test_the_part_that_is_not_constant_on_cells_is_that_by_a_finer_sum():
     """natural: midpoints of 2000 pieces a cell, u_h from the solve of the pair."""
     discrete_problem = discrete("natural", 16, 8)
     solution = solve_condensed_problem(discrete_problem)
@@ -115,7 +115,7 @@ def test_the_printed_lagrangian_doubles_the_multiplier():
     np.testing.assert_allclose(measure_iterations()["multiplier_factor_elsewhere"], 1, rtol=1e-9)  # control
 
 
-def test_two_multipliers_at_equal_sizes_and_one_at_others():
+def test_the_multiplier_is_not_unique_at_equal_sizes_only():
     equal = experiments.measure_uniqueness(
         make_structured_mesh(square(), 1 / 8), partitions.make_uniform_partition(square(), 1 / 8)
     )
@@ -130,7 +130,7 @@ def test_two_multipliers_at_equal_sizes_and_one_at_others():
     assert float(finer["violation"]) > 1e-3
 
 
-def test_the_counts_and_the_iterates_of_both_ways():
+def test_elimination_has_the_iterates_of_full_solves_and_the_operations_counted():
     sizes = (1 / 8, 1 / 16)
     subset = [make_structured_mesh(square(), h) for h in sizes]
     cells = [partitions.make_uniform_partition(square(), 2 * h) for h in sizes]
@@ -216,7 +216,7 @@ def test_u_is_the_solution_of_both_forms_of_the_problem_and_u_h_of_its_own(case)
     assert row["minimum_in_K"] > -1e-12 > -0.1 > row["minimum_in_K_elsewhere"]
 
 
-def test_the_form_of_the_mixed_problem_and_its_constant():
+def test_the_form_of_the_mixed_problem_has_the_squared_norm_and_its_constant_is_attained():
     """A(U, U) = ||u||^2; M is the norm of [[1, 1], [-1, 0]]: its square is a root of z^2 - 3 z + 1."""
     table = measure_statements()
     assert float(table["diagonal"]) == pytest.approx(1, abs=1e-12)

@@ -68,7 +68,7 @@ def integrals(family, power, n, carried):
 
 
 @pytest.mark.parametrize(("name", "gamma"), [("cantor_2", 2), ("violates_jj_jjj", 1 / 2)])
-def test_the_consistency_term_by_an_independent_sum(name, gamma):
+def test_the_consistency_term_is_that_by_a_sum_over_intervals(name, gamma):
     """Of the intervals one by one, by adaptive quadrature. The first and the last of 8 cells are off the set.
 
     What is left carries a hundredth of a gap: 128 pieces, each with 0.01/3^(gamma + 1) of the integral of one

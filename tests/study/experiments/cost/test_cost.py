@@ -126,14 +126,14 @@ def spd(n, band):
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])
-def test_dense_algebra_by_brute_force(n):
+def test_operations_of_dense_algebra_are_those_counted_by_brute_force(n):
     assert operations_of(brute_cholesky, spd(n, n)) == operations.count_cholesky(n)
     assert operations_of(np.matmul, spd(n, n), np.ones(n)) == operations.count_product_by_S(n)
     assert operations_of(brute_solve, spd(n, n), np.ones(n)) == operations.count_triangular_solve(n)
 
 
 @pytest.mark.parametrize(("n", "band"), [(6, 6), (8, 1), (9, 3)])
-def test_sparse_factors_by_brute_force(n, band):
+def test_operations_of_sparse_factors_are_those_counted_by_brute_force(n, band):
     options = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     factors = operations.count_factors(splu(sp.csc_array(spd(n, band)), **options))
     a = spd(n, band)
@@ -348,7 +348,7 @@ def make_laws(sizes):
     return xr.Dataset({"steps": (tuple(coords), np.stack([plain, fast])[:, None])}, coords=coords)
 
 
-def test_growth_of_known_laws():
+def test_growth_exponents_are_those_of_made_up_laws():
     """From H = 1/16 on; two sizes, of five, are too few."""
     growth_exponents = [
         trade.growth_exponent(make_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")

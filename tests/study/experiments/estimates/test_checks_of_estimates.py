@@ -254,7 +254,7 @@ def test_the_infimum_over_multipliers_is_a_quadratic_programme():
     )
 
 
-def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():
+def test_the_inverse_estimate_has_its_known_constant_in_a_multiple_of_L2():
     """In ||.||_0/2^(1/2), from below, C = (2H)^(1/2): 2^(1/2) for H = 1, times 1/4, and 2^(-1/2), times 1.
 
     H = 1/4 is with h = 1/8 as with 1/16, of which only the first counts; H = 1/2 is on no mesh with H = 2h.

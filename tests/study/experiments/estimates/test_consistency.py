@@ -73,7 +73,7 @@ def test_a_term_off_the_declared_transitions_is_seen(case_like):
     assert computed.consistency_elsewhere == pytest.approx(computed.consistency_terms[5], rel=1e-9)
 
 
-def test_cells_with_something_inside():
+def test_cells_with_a_point_inside_are_found_and_not_those_with_one_at_an_end():
     cells = make_uniform_partition(SQUARE, 1 / 4)
     inside = cells.has_inside(np.array([0.1, 0.2, 0.5, 1.0, 2.9, 3.99, 4.0, 0.0]))
     assert np.flatnonzero(inside).tolist() == [0, 11, 15]
@@ -117,7 +117,7 @@ def test_the_prediction_grows_with_the_side():
 
 
 @pytest.mark.parametrize(("name", "alpha", "gamma"), [("thirds", 0.5, 1.5), ("singular", -0.25, 1.0)])
-def test_the_first_transition(name, alpha, gamma):
+def test_the_first_transition_is_the_declared_one(name, alpha, gamma):
     computed = first_transition(load(name))
     assert computed == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
     assert computed.term_order == pytest.approx(alpha + gamma + 1)

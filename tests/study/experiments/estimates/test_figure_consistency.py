@@ -72,7 +72,7 @@ def test_what_other_cells_add_is_said(elsewhere, text):
     assert any(text in item for item in list_texts(draw_page("consistency", changed)[0]))
 
 
-def test_the_table(tmp_path):
+def test_the_table_has_cells_totals_the_remainder_and_predictions(tmp_path):
     """Totals and parts of no law."""
     run = ("case", "partition")
     terms = {"consistency": (run, [[0.5, 0.25]]), "consistency_elsewhere": (run, [[0.125, 0.0625]])}

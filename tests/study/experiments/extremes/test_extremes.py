@@ -171,7 +171,7 @@ def test_numbers_above_what_is_predicted_and_the_slack_are_wrong(start, measured
     )
 
 
-def test_crossings_by_hand():
+def test_a_crossing_is_interpolated_between_the_values_around_it():
     values = np.array([1.0, 0.1, 0.01])
     assert find_crossing(values, values**-2.0, 1e3) == pytest.approx(10**-1.5)
     assert find_crossing(values, np.array([1.0, 2.0, np.inf]), 1e3) == 0.01
@@ -433,7 +433,7 @@ def test_no_loss_of_constants_is_near_where_it_is_refused(names, monkeypatch):
     assert not np.any((share > 1 / 3) & (share < 3))
 
 
-def test_rectangles_between_ticks():
+def test_a_tensor_mesh_has_the_rectangles_between_ticks():
     mesh = make_tensor_mesh(np.array([0, 1e-4, 0.5, 1]))
     assert mesh.n_nodes == 16
     assert mesh.areas.sum() == pytest.approx(1, rel=1e-15)

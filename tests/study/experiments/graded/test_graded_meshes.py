@@ -131,7 +131,7 @@ def test_in_full_contact_the_problem_is_linear(spaces):
     assert equality_multipliers[0].min() < 0 < equality_multipliers[0].max()
 
 
-def test_the_part_of_the_singular_function_by_the_split(spaces):
+def test_the_error_of_the_singular_part_follows_from_the_split(spaces):
     """D by the square of ||u - u_h||_1 less that of ||u - z_h||_1, for the function alone."""
     case = replace(CASE, atoms=(measure.singular_atom(CASE),))
     known_case = project_case(case, spaces)
@@ -141,7 +141,7 @@ def test_the_part_of_the_singular_function_by_the_split(spaces):
     assert measure.singular_part_error(case, spaces) == pytest.approx(expected, rel=1e-6)
 
 
-def test_t_is_that_of_lemma_1():
+def test_weighted_ritz_means_are_those_of_lemma_1_on_equal_cells():
     """On equal cells H^{-1/2} ||Pi_H(u - z_h)||_0."""
     on_equal = mixed_spaces(condense(COARSE), measure.two_edge_cells(COARSE))
     case = project_case(CASE, on_equal)
@@ -182,7 +182,7 @@ def test_adapted_meshes_keep_the_limit_and_grade_to_the_vertex():
     assert rows[0]["discrete_error"] == pytest.approx(expected, rel=1e-4)
 
 
-def test_orders_by_hand():
+def test_orders_are_those_of_made_up_powers():
     """Errors like 4^-level have the order 2; unknowns 1, 2, 4, .. and errors 1/N the order 2 in N^-1/2."""
     error = xr.DataArray([[1, 1 / 4, 1 / 16], [1, 1, np.nan]], dims=("run", "level"))
     assert_allclose(levels.rates_by_halving(error), [[2, 2], [0, np.nan]])
@@ -192,7 +192,7 @@ def test_orders_by_hand():
     assert not len(levels.orders_between_levels(N, 1 / N, 17))
 
 
-def test_the_tables_of_documents():
+def test_documents_show_the_orders_on_the_finest_known_pair():
     """Of two runs with errors like 2^(-p level); on the finest pair that is known."""
     fall = 2.0 ** -np.outer([1, 2], np.arange(3))
     names = ("h1_error", "discrete_error", "singular_error", "hm12_error_lower", "hm12_error_upper")

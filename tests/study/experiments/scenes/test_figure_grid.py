@@ -9,7 +9,7 @@ from study import tables
 from study.experiments.scenes import grid_figure as grid
 
 
-def test_the_table(tmp_path):
+def test_the_table_has_an_error_per_pair_and_norm_where_one_was_solved(tmp_path):
     tables.save_table(study_errors(), tmp_path / "errors.nc", "scene")
     frame = grid.table(tmp_path / "errors.nc", ["made_up"])
     assert len(frame) == 3 * 3 * 4

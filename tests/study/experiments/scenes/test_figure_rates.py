@@ -32,7 +32,7 @@ def made_up_study(tmp_path):
     return tmp_path / "errors.nc", tmp_path / "rates.nc"
 
 
-def test_the_table(made_up_study):
+def test_the_table_has_errors_over_h_at_one_ratio_with_their_rates(made_up_study):
     table = rates.table(*made_up_study)
     assert len(table) == 3 * 3
     for _, rows in table.groupby("norm"):

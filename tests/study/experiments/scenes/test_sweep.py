@@ -152,7 +152,7 @@ def test_where_beta_is_0_the_active_set_ran_and_lambda_has_no_error(tables, k):
     assert np.all(runs["converged"] == 1)
 
 
-def test_the_coordinates(tables):
+def test_the_coordinates_are_sizes_and_unknowns_of_meshes_and_partitions(tables):
     for table in tables:
         assert list(table["case"].values) == list(NAMES)
         np.testing.assert_allclose(table["H"], 1 / np.array(CELLS), rtol=1e-14)

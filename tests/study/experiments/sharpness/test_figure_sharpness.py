@@ -47,7 +47,7 @@ def made_up(tmp_path):
     return sharpness.table(tmp_path / "rates.nc", tmp_path / "rates.nc")
 
 
-def test_the_table(made_up):
+def test_the_table_has_measured_and_largest_rates_per_norm(made_up):
     """The largest error is for the larger gamma on the coarsest level, and the same for both after it."""
     assert set(made_up["norm"]) == set(NORMS)
     measured = made_up[made_up["kind"] == "measured"]
@@ -72,7 +72,7 @@ BENDS = {
 
 
 @pytest.mark.parametrize("line", BENDS, ids=str)
-def test_lines_with_their_bends(line, made_up):
+def test_lines_bend_where_the_smaller_of_two_rates_changes(line, made_up):
     """By hand: min(3/2, 1 + alpha), min(1, alpha + 1/2), and (1 + alpha + gamma)/2 for the least gamma."""
     rows = made_up[(made_up["norm"] == line[0]) & (made_up["kind"] == line[1])]
     if len(line) == 3:

@@ -153,7 +153,7 @@ def test_the_theorem_s_rates_hold_with_j_whether_jj_holds_or_not_and_fail_withou
     assert float(last.sel(alpha=-0.25).isel(pair=-1).max()) < minimum
 
 
-def test_floors():
+def test_floors_are_the_best_approximation_by_P1():
     """C1 h is what P1 leaves, ||u - z_h||_1; s is judged by claim S.floor. Control: errors a tenth larger.
 
     5 %: the coarsest h of the fits is that far from its limit.

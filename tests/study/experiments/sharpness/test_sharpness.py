@@ -129,7 +129,7 @@ def formula(a, c, theta):
 
 @pytest.mark.parametrize("theta", [0.1, 1 / 3, 0.5, 0.9])
 @pytest.mark.parametrize(("a", "c"), EXPONENTS)
-def test_the_consistency_term_of_one_transition(a, c, theta):
+def test_the_consistency_term_of_one_transition_is_its_closed_form(a, c, theta):
     """1e-10: the transition is known to 1e-16, of a cell of size H to 1e-15, powers to a few times that."""
     assert consistency_of_power(a, c, theta) == pytest.approx(formula(a, c, theta), rel=1e-10)
 
@@ -223,7 +223,7 @@ def made_up(alphas, gammas):
     return xr.Dataset(table | per_level, coords={"alpha": alphas, "gamma": gammas} | sizes)
 
 
-def test_rates_of_errors_with_known_rates():
+def test_rates_are_those_of_errors_that_follow_a_law():
     """Positions have the errors 0.6 and 0.8 of one law: their r.m.s. mean is 0.5^(1/2) of it."""
     alphas = [0.25, 0.75]
     gammas = [0.5, 1.5, 2.5]
@@ -286,7 +286,9 @@ def test_one_position_without_convergence_counts():
         ("discrete", 0.9, 2.5, 1.5, 1.5),
     ],
 )
-def test_predicted_rates(norm, alpha, gamma, best, remaining):
+def test_predicted_rates_are_those_of_best_approximation_and_of_the_proof(
+    norm, alpha, gamma, best, remaining
+):
     """By hand: P1 and P0 on s_+^alpha; half of alpha + gamma + 1, and 1/2 less in L2."""
     assert float(surfaces.predicted_rate(norm, alpha)) == pytest.approx(best, rel=1e-14)
     assert float(surfaces.proof_rate(norm, alpha, gamma)) == pytest.approx(remaining, rel=1e-14)

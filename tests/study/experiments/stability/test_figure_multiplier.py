@@ -29,7 +29,7 @@ def survey(tmp_path):
     return tmp_path / "infsup.nc"
 
 
-def test_the_table(survey):
+def test_the_table_has_the_multiplier_of_each_cell_and_beta(survey):
     table = multiplier.table(survey, ["4/5", "1/2"])
     assert table["h_over_H"].tolist() == [0.8] * 3 + [0.5] * 3
     assert table["beta"].tolist() == pytest.approx([0.25] * 3 + [0.65] * 3)
