@@ -76,7 +76,9 @@ def alike(committed: Path, now: Path) -> bool:
 def field(image: str) -> np.ndarray:
     """The colours at `GRID`² places of an image in an SVG; its size depends on labels."""
     pixels = imread(io.BytesIO(base64.b64decode(image)))
-    rows, columns = (np.linspace(0, n - 1, GRID).round().astype(int) for n in pixels.shape[:2])
+    height, width = pixels.shape[:2]
+    rows = np.linspace(0, height - 1, GRID).round().astype(int)
+    columns = np.linspace(0, width - 1, GRID).round().astype(int)
     return pixels[np.ix_(rows, columns)]
 
 

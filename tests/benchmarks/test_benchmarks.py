@@ -20,7 +20,7 @@ from benchmarks import __main__ as runner
 from benchmarks import plan, problem, summary
 from benchmarks import ratios as judge
 from benchmarks import side_by_side as benchmark_tables
-from benchmarks.peers.driver import matched
+from benchmarks.peers.driver import match_nodes
 from study import tables
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import find_polygon, square
@@ -167,7 +167,7 @@ def test_reads_of_the_matrix_and_the_share_of_peak_are_those_by_hand() -> None:
 
 
 @pytest.fixture
-def count_started_modules(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def started_modules(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The modules that are started; none is run, and each says what a driver or the judge would say."""
     modules: list[str] = []
 
@@ -178,34 +178,32 @@ def count_started_modules(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             {name: report[name] for name in ("start", "peak_mb", "results", "reference", "errors")}
         )
 
-    monkeypatch.setattr(runner, "started", start)
+    monkeypatch.setattr(runner, "run_module", start)
     return modules
 
 
-def test_a_run_that_was_stopped_goes_on_where_it_was(
-    tmp_path: Path, count_started_modules: list[str]
-) -> None:
+def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path: Path, started_modules: list[str]) -> None:
     data = small(tmp_path)
     runs = plan.runs(data)
     first = runner.Runner(data, tmp_path).all(runs)
     assert len(first) == len(runs) == 4
     # Two runs to fill caches, four that count; of each solver one is judged.
-    assert count_started_modules.count("benchmarks.ours") == 6
-    assert count_started_modules.count("benchmarks.problem judge") == 2
-    count_started_modules.clear()
+    assert started_modules.count("benchmarks.ours") == 6
+    assert started_modules.count("benchmarks.problem judge") == 2
+    started_modules.clear()
     assert runner.Runner(data, tmp_path).all(runs) == first
-    assert count_started_modules == []
+    assert started_modules == []
     (tmp_path / f"{runs[-1].name}.json").unlink()
     runner.Runner(data, tmp_path).all(runs)
-    assert count_started_modules.count("benchmarks.ours") == 1
+    assert started_modules.count("benchmarks.ours") == 1
 
 
-def test_a_run_with_other_settings_is_made_anew(tmp_path: Path, count_started_modules: list[str]) -> None:
+def test_a_run_with_other_settings_is_made_anew(tmp_path: Path, started_modules: list[str]) -> None:
     path = small(tmp_path)
     runner.Runner(path, tmp_path).all(plan.runs(path))
-    count_started_modules.clear()
+    started_modules.clear()
     runner.Runner(path, tmp_path).all(plan.runs({**path, "stop": 0.05}))
-    assert count_started_modules.count("benchmarks.ours") == 6
+    assert started_modules.count("benchmarks.ours") == 6
 
 
 @pytest.fixture(scope="module")
@@ -237,9 +235,9 @@ def test_the_judge_s_error_is_that_by_quadrature(data: Path, tmp_path: Path) -> 
 
 def test_nodes_of_another_mesh_are_refused() -> None:
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.5]])
-    assert matched(points, points[[2, 0, 1]]).tolist() == [1, 2, 0]
+    assert match_nodes(points, points[[2, 0, 1]]).tolist() == [1, 2, 0]
     with pytest.raises(ValueError, match="not the nodes of one mesh"):
-        matched(points, points + 0.01)
+        match_nodes(points, points + 0.01)
 
 
 @pytest.mark.parametrize("solver", ["multigrid", "linear", "recursive", "sparse", "skfem"])
@@ -249,7 +247,9 @@ def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) 
     computed = tmp_path / "found.npz"
     settings = read["solvers"][solver]
     document = json.loads(
-        runner.started(sys.executable, settings["module"], data, computed, make_order(**settings["settings"]))
+        runner.run_module(
+            sys.executable, settings["module"], data, computed, make_order(**settings["settings"])
+        )
     )
     assert document["peak_mb"] > 10
     errors = problem.judge(make_order(), data, computed)["errors"]

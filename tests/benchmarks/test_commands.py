@@ -16,7 +16,7 @@ from conftest import ROOT
 
 from benchmarks import commands, plan
 from benchmarks import numbers as documented
-from benchmarks.commands import Whole
+from benchmarks.commands import ProcessRunner
 from unilateral import api
 from unilateral.errors import InputError
 
@@ -65,12 +65,12 @@ def answer(**changes: Any) -> str:
 def test_an_answer_counts_only_if_it_is_certified(spoilt: dict[str, Any]) -> None:
     """The levels have 400 unknowns together. On given sizes there is no accuracy to certify."""
     report = {"unknowns": 300, "relative_bound": 0.01}
-    assert commands.certified(answer()) == report | {"levels_over_last": pytest.approx(4 / 3)}
-    assert commands.certified(answer(goal=None, certified=False, levels=[])) == report | {
+    assert commands.read_certified_answer(answer()) == report | {"levels_over_last": pytest.approx(4 / 3)}
+    assert commands.read_certified_answer(answer(goal=None, certified=False, levels=[])) == report | {
         "levels_over_last": 1
     }
     with sentences.raises(InputError):
-        commands.certified(answer(**spoilt))
+        commands.read_certified_answer(answer(**spoilt))
 
 
 def test_the_bound_is_told_over_all_that_is_before_it() -> None:
@@ -80,8 +80,8 @@ def test_the_bound_is_told_over_all_that_is_before_it() -> None:
         bound: "noise\n" + json.dumps({"results": [{"phases": value}]})
         for bound, value in phases_by_bound.items()
     }
-    assert commands.reported(outputs[True], 8) == {"unknowns": 81, "bound_over_solve": 0.5}
-    assert commands.reported(outputs[False], 8) == {"unknowns": 81}
+    assert commands.read_driver_report(outputs[True], 8) == {"unknowns": 81, "bound_over_solve": 0.5}
+    assert commands.read_driver_report(outputs[False], 8) == {"unknowns": 81}
 
 
 def test_a_process_is_measured_with_its_children_and_a_failure_is_told() -> None:
@@ -97,7 +97,7 @@ def test_a_process_is_measured_with_its_children_and_a_failure_is_told() -> None
 
 
 @pytest.fixture
-def count_started_commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def started_commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """The commands that are started; none is run, and all are answered."""
     started: list[list[str]] = []
 
@@ -110,18 +110,18 @@ def count_started_commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
 
 def test_commands_that_were_stopped_go_on_where_they_were(
-    tmp_path: Path, count_started_commands: list[list[str]]
+    tmp_path: Path, started_commands: list[list[str]]
 ) -> None:
     """The first one fills caches: it is run once more, and its second is not told."""
     runs = plan.commands(small())
-    first = Whole(small(), tmp_path).all(runs)
+    first = ProcessRunner(small(), tmp_path).all(runs)
     expected = [sys.executable, "-m", "unilateral", "solve", OWN, "--h", "1/8", "--H", "1/4", "--json"]
-    assert count_started_commands == [expected] * 3
+    assert started_commands == [expected] * 3
     assert [record["cpu_seconds"] for record in first] == [2, 3]
-    assert Whole(small(), tmp_path).all(runs) == first
+    assert ProcessRunner(small(), tmp_path).all(runs) == first
     (tmp_path / f"{runs[1].name}.json").unlink()
-    Whole(small(), tmp_path).all(runs)
-    assert len(count_started_commands) == 4
+    ProcessRunner(small(), tmp_path).all(runs)
+    assert len(started_commands) == 4
 
 
 def test_a_command_that_fails_is_told_and_does_not_count(
@@ -130,7 +130,7 @@ def test_a_command_that_fails_is_told_and_does_not_count(
     """A bad option, code 2; and an accuracy that so few unknowns do not reach, code 3."""
     for typed in (["--h", "no number"], ["--accuracy", "0.01", "--max-unknowns", "500"]):
         run = plan.Run("unilateral", "own", 8, 0, {"H_over_h": 2, "typed": ["solve", OWN, *typed]})
-        assert Whole(small(), tmp_path).all([run]) == []
+        assert ProcessRunner(small(), tmp_path).all([run]) == []
     lines = capfd.readouterr().err.splitlines()
     assert lines[0].startswith("benchmarks: unilateral-own-8-2-0 does not count: it ended with code 2")
     assert any("it ended with code 3" in line for line in lines)
@@ -146,7 +146,7 @@ def test_the_typed_bound_is_that_of_the_data_given_to_others(
     """
     run = {"solvers": ["bound", "skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
     data = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[run])
-    runner = Whole(data, tmp_path)
+    runner = ProcessRunner(data, tmp_path)
     runner.paces = dict.fromkeys(("unilateral", "bound", "skfem"), 0.0)
     runs = plan.commands(data)
     ours, bound, skfem = commands.rows(runner.all(runs))
@@ -161,7 +161,7 @@ def test_the_typed_bound_is_that_of_the_data_given_to_others(
     assert float(expected["error"]) == pytest.approx(s.bounds.u, rel=0.01)
     assert expected["obstacle"] == pytest.approx(_g(*expected["points"][expected["boundary"]].T), abs=1e-15)
     np.savez(path, **{**expected, "w": expected["w"] + 1.0})
-    assert runner.made(runs[-1]) == {}
+    assert runner.make_record(runs[-1]) == {}
     assert "does not count: its u is farther from this project's" in capsys.readouterr().err
 
 
@@ -198,7 +198,7 @@ def test_the_table_shows_what_is_typed_and_then_the_others() -> None:
         ["`unilateral solve own.yaml`", "1 050 625", "4 s", "3.8 µs", "100 MB", "0.046 %"],
         ["scikit-fem and PyAMG, active set, nodal, not nested", "1 050 625", "10 s", "9.5 µs", "100 MB", "–"],
     ]
-    assert documented.of_commands(make_records())["bound_over_solve"] == 0.75
+    assert documented.command_numbers(make_records())["bound_over_solve"] == 0.75
 
 
 def test_what_is_committed_is_what_the_plan_asks_for() -> None:

@@ -16,13 +16,13 @@ MB = 200
 def test_the_memory_is_that_of_a_command_and_its_children():
     """Two processes hold 200 MB each at one time; Python itself takes some 10."""
     child = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {HOLD.format(mb=MB)!r}]); "
-    measurement = whole.measured([sys.executable, "-c", child + HOLD.format(mb=MB)])
+    measurement = whole.measure_command([sys.executable, "-c", child + HOLD.format(mb=MB)])
     assert 2 * MB <= measurement["memory"] < 2 * MB + 100
 
 
 def test_a_command_that_fails_is_no_measurement():
     with pytest.raises(subprocess.CalledProcessError):
-        whole.measured([sys.executable, "-c", "raise SystemExit(1)"])
+        whole.measure_command([sys.executable, "-c", "raise SystemExit(1)"])
 
 
 def test_the_disk_counts_files_in_folders_too(tmp_path):

@@ -23,7 +23,7 @@ def test_formulas_are_the_polynomials() -> None:
     assert eval(trust.formula(terms), {"x": 2, "y": 3}) == 35.25  # type: ignore[arg-type]
     assert trust.formula([]) == "0"
     data = {"v": [1], "problem": {"k": "1", "f": terms, "sides": [{"contact": []}, {"free": terms}]}}
-    computed = trust.with_formulas(data)
+    computed = trust.replace_terms_by_formulas(data)
     assert computed["problem"]["sides"] == [{"contact": "0"}, {"free": trust.formula(terms)}]
     assert computed["problem"]["f"] == trust.formula(terms) + trust.WAVE
     assert (computed["v"], computed["problem"]["k"]) == ([1], "1")
@@ -52,7 +52,7 @@ def test_a_row_has_medians_of_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
             **{component: {"seconds": took, "mb": 10 * took} for component in PARTS},
         }
 
-    monkeypatch.setattr(trust, "measured", measure_by_hand)
+    monkeypatch.setattr(trust, "measure_parts", measure_by_hand)
     row = trust.row(4)
     assert (row["n"], row["triangles"], row["file_mb"]) == (4, 160, 1.0)
     assert all(row[component] == {"seconds": 2.0, "mb": 20.0} for component in PARTS)
@@ -62,13 +62,13 @@ def test_a_tiny_mesh_is_measured_and_proved(tmp_path: Path) -> None:
     """160 triangles, whose certificate both checkers prove; a spoilt one stops the benchmark."""
     path = tmp_path / "given.json.gz"
     formulas = tmp_path / "formulas.json.gz"
-    computed = trust.measured(4, path, formulas)
+    computed = trust.measure_parts(4, path, formulas)
     assert computed["triangles"] == 160
     assert all(computed[component]["seconds"] > 0 and computed[component]["mb"] > 0 for component in PARTS)
     spoilt = tmp_path / "spoilt.json"
     spoilt.write_text("{}")
     with pytest.raises(subprocess.CalledProcessError):
-        trust.checked("check.py", spoilt)
+        trust.run_checker("check.py", spoilt)
 
 
 def make_results() -> dict[str, Any]:
@@ -83,7 +83,7 @@ def test_the_table_has_seconds_also_per_triangle_and_memory() -> None:
     table = documented.trust(make_results())
     assert table.columns.tolist() == ["part", "100 000 triangles", "each", "memory"]
     assert table.iloc[3].tolist() == ["`check.py`", "8 s", "80 µs", "160 MB"]
-    assert documented.of_trust(make_results())["over_ours"] == 4
+    assert documented.trust_numbers(make_results())["over_ours"] == 4
 
 
 def test_what_is_committed_has_all_parts_of_all_sizes() -> None:

@@ -69,10 +69,8 @@ def test_the_whole_study_can_be_planned_with_the_profiles_groups(node, tmp_path)
     code, output = snakemake(project, node, *PROFILE, "-n")
     assert code == 0, output
     assert set(re.findall(r"Group job (\w+)", output)) == {"judging", "figures", "telling"}
-    waiting = (
-        "--groups",
-        *(f"{rule}=telling" for rule in ("claims", "document_numbers", "documents", "typeset")),
-    )
+    rules = ("claims", "document_numbers", "documents", "typeset")
+    waiting = ["--groups", *[f"{rule}=telling" for rule in rules]]
     code, output = snakemake(project, node, *PROFILE, *waiting, "-n")
     assert code == 1
     assert "Error in group telling" in output

@@ -38,13 +38,13 @@ def test_words_are_those_that_a_reader_sees():
 
 
 def test_the_first_problem_is_the_one_that_is_quoted():
-    (quoted,) = (block.text for block in blocks("README.md") if block.kind == "yaml")
+    (quoted,) = [block.text for block in blocks("README.md") if block.kind == "yaml"]
     assert quoted == (ROOT / "examples/arch.yaml").read_text(encoding="utf-8")
 
 
 def test_the_first_command_prints_what_is_quoted(run):
     """The same words, and numbers nearly the same."""
-    (quoted,) = (block.text for block in blocks("README.md") if block.kind == "text")
+    (quoted,) = [block.text for block in blocks("README.md") if block.kind == "text"]
     assert f"```\n{FIRST}\n```" in README
     code, printed, _ = run(*FIRST.replace("examples", str(ROOT / "examples")).split()[1:])
     assert code == 0

@@ -18,9 +18,9 @@ from conftest import copy_project
 from documents import blocks
 
 CASE = next(block.text for block in blocks("manufactured/README.md") if block.kind == "yaml")
-POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, SCRIPT, *OTHERS = (
+POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, SCRIPT, *OTHERS = [
     block.text for block in blocks("docs/adding.md")
-)
+]
 DRAWING, DRAWING_RULE, DRAWING_SCRIPT, FIGURE, CLAIM, AXIS = OTHERS
 COUNTED = """claims:
 - id: "V.h"

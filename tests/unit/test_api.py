@@ -158,7 +158,13 @@ def test_functions_that_jump_at_a_vertex_are_refused():
 
 @pytest.mark.parametrize("size", [1e-130, 1.0, 1e130])
 def test_what_counts_as_a_jump_is_relative_to_the_functions(size):
-    same, near, far = (lambda x, y, change=factor: size * (1 + change) + 0 * x for factor in (0, 1e-9, 1e-7))
+
+    def constant(change):
+        return lambda x, y: size * (1 + change) + 0 * x
+
+    same = constant(0)
+    near = constant(1e-9)
+    far = constant(1e-7)
     mesh = ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)])
     assert ul.Problem(mesh, f=0, g=[same, near, near, near]).g
     with pytest.raises(ul.InputError, match="it jumps at vertex 0"):

@@ -120,7 +120,7 @@ def test_names_lead_through_groups():
 
 
 def test_CI_runs_the_commands_of_README():
-    (block,) = (block for block in documents.blocks("README.md") if block.text.startswith("make"))
+    (block,) = [block for block in documents.blocks("README.md") if block.text.startswith("make")]
     commands = [line.partition("#")[0].strip() for line in block.text.splitlines()]
     script = (ROOT / ".ci/run").read_text(encoding="utf-8").splitlines()
     assert commands == [line for line in script if line.startswith("make")] == ["make", "make test"]

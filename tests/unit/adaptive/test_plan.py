@@ -99,7 +99,7 @@ def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
     """However long it took, so that two runs say the same of the unknowns."""
     result = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
     second = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
-    *before, last = (level.unknowns for level in result.levels)
+    *before, last = [level.unknowns for level in result.levels]
     assert max(before) < MIN_PLAN_UNKNOWNS <= last
     assert result.plan.unknowns == second.plan.unknowns
     assert repr(result) == f"Search: {len(result.levels)} levels, not certified"

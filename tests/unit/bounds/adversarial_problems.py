@@ -52,7 +52,9 @@ def exact(number):
 
 def bowl(rng, shift=0):
     """k |x - c|^2/2, whose flux is at least k/4 on the unit square."""
-    a, b = (exact(c) for c in rng.uniform(0.3, 0.7, 2))
+    c = rng.uniform(0.3, 0.7, 2)
+    a = exact(c[0])
+    b = exact(c[1])
     return 4 * ((X - a - shift) ** 2 + (Y - b) ** 2) / 2
 
 

@@ -60,8 +60,10 @@ class Manufactured:
         self.jumps = {}
         self.formula = u
         self.formulas = (f, u - gap)
-        computed = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
-        self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in computed)
+        self.u = sympy.lambdify((X, Y), u)
+        self.u_x = sympy.lambdify((X, Y), sympy.diff(u, X))
+        self.u_y = sympy.lambdify((X, Y), sympy.diff(u, Y))
+        self.f = sympy.lambdify((X, Y), f)
         self.g = sympy.lambdify((X, Y), u - gap)
 
     def kinks(self):
@@ -175,8 +177,9 @@ def pair(name, n, polygon="square", crude=None):
     u_h = d.spaces.condensed.solve(load)
     dual = norm_for(name, n // 2, polygon).bound_error(d.exact.ritz.case, lambda_H[None])
     h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - lambda_load)[0]
-    errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
-    return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
+    dual_lower = float(dual.lower[0])
+    dual_upper = float(dual.upper[0])
+    return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, h1_error, dual_lower, dual_upper)
 
 
 def exact_forces(case, cells):

@@ -80,7 +80,8 @@ def fluxes(u, vertices):
     corners = [[sympy.Rational(float(c)) for c in vertex] for vertex in vertices]
     computed = []
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
-        x, y = (b - a for a, b in zip(start, end, strict=True))
+        x = end[0] - start[0]
+        y = end[1] - start[1]
         computed.append((y * u.diff(X) - x * u.diff(Y)) / sympy.sqrt(x**2 + y**2))
     return computed
 

@@ -217,7 +217,9 @@ def bowl(c=(0, 0)):
 
 def gentle(rng, slope):
     """A term whose gradient is at most `slope` within a distance of 1 from 0."""
-    a, b = (dyadic(c) for c in rng.uniform(-0.6, 0.6, 2))
+    centre = rng.uniform(-0.6, 0.6, 2)
+    a = dyadic(centre[0])
+    b = dyadic(centre[1])
     kind = rng.choice(["wave", "peak", "circle", "line", "front", "rational", "cosh", "cubic"])
     if kind == "wave":
         k = rng.uniform(-1, 1, 2) * 10.0 ** rng.uniform(0, 1.7)
@@ -256,7 +258,8 @@ def bump(rng, polygon):
     starts = polygon.vertices
     room = float(segment_distances(centre[None], starts, np.roll(starts, -1, axis=0)).min())
     r = dyadic(0.9 * room * 10.0 ** -rng.choice([0, 0, 0.3, 0.6, 1.2]))
-    a, b = (dyadic(c) for c in centre)
+    a = dyadic(centre[0])
+    b = dyadic(centre[1])
     square = (X - a) ** 2 + (Y - b) ** 2
     k = [*POWERS, 4, 6, 8][rng.integers(7)]
     height = dyadic(
@@ -445,7 +448,8 @@ def draw_contact_beside_base(rng):
     vertices = draw_over_base(rng)
     k = dyadic(rng.uniform(0.2, 4))
     c = (dyadic(rng.uniform(0.3, 0.7)), dyadic(0.5 * vertices[:, 1].max()))
-    (x, y) = (float(item) for item in c)
+    x = float(c[0])
+    y = float(c[1])
     if distances(vertices - np.array([x, y]))[1:].min() < 0:
         return draw_contact_beside_base(rng)
     components = [

@@ -254,17 +254,17 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
     """
     bounds = add_shortfall(bound, monkeypatch, "edge_complementarity", 0.5 / 16)
     assert all(item.lift_norm < 0.2 for item in bounds)
-    before, after = (item.u**2 for item in bounds)
-    assert after - before == pytest.approx(1, rel=1e-6)
+    before, after = bounds
+    assert after.u**2 - before.u**2 == pytest.approx(1, rel=1e-6)
 
 
 @BOUNDS
 def test_what_is_missing_counts_for_u_by_its_norm(bound, monkeypatch):
     """X^2 <= R + D^2: where D is larger, and R as before, the square for u has the difference of both D^2."""
     bounds = add_shortfall(bound, monkeypatch, "extension_squares", 0.01)
-    before, after = (item.u**2 - item.lift_norm**2 for item in bounds)
-    assert after == pytest.approx(before, rel=1e-6)
-    assert bounds[1].lift_norm > bounds[0].lift_norm + 0.1
+    before, after = bounds
+    assert after.u**2 - after.lift_norm**2 == pytest.approx(before.u**2 - before.lift_norm**2, rel=1e-6)
+    assert after.lift_norm > before.lift_norm + 0.1
 
 
 def test_what_is_not_known_of_g_counts_three_times(monkeypatch):

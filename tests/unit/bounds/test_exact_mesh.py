@@ -94,15 +94,18 @@ class Linear(NamedTuple):
 
     def at(self, points):
         """u (n,) at points (n, 2) of 50 digits."""
-        a, b = (mpf(item.p) / mpf(item.q) for item in self.slope)
+        slope_x, slope_y = self.slope
+        a = mpf(slope_x.p) / mpf(slope_x.q)
+        b = mpf(slope_y.p) / mpf(slope_y.q)
         start = digits(self.problem.polygon.vertices[:1])[0]
         return a * (points[:, 0] - start[0]) + b * (points[:, 1] - start[1])
 
 
 def linear(polygon, k=1, c=1):
-    (x, y), (a, b) = ([exact(z) for z in vertex] for vertex in polygon.vertices[:2])
-    a = a - x
-    b = b - y
+    x, y = [exact(z) for z in polygon.vertices[0]]
+    end_x, end_y = [exact(z) for z in polygon.vertices[1]]
+    a = end_x - x
+    b = end_y - y
     u = a * (X - x) + b * (Y - y)
     q = tuple(k * u for u in fluxes(u, polygon.vertices))
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
@@ -288,13 +291,14 @@ def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
     cells = partitions.make_uniform_partition(square(), 1 / 2)
     problem = Problem("bowl", square(), plain(X**2 + Y**2), (exact_number(0),) * 4, ())
     data = enclose_data(problem, mesh, H1)
-    pair = (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
+    u_h = np.sum(mesh.points**2, axis=1)
+    lambda_H = np.ones(cells.n_cells)
     computed = []
     for growth in (1.0, 1.5):
         monkeypatch.setattr(Mesh, "exact_mesh_factor", growth)
-        bounds = bound(data, cells, *pair, H1)
+        bounds = bound(data, cells, u_h, lambda_H, H1)
         computed.append(
-            [bounds.u, bounds.lambda_, bound_forces(mesh, cells, 0 * pair[1], 0.1, [range(4)])[0].upper]
+            [bounds.u, bounds.lambda_, bound_forces(mesh, cells, 0 * lambda_H, 0.1, [range(4)])[0].upper]
         )
     np.testing.assert_allclose(computed[1], 1.5 * np.array(computed[0]), rtol=1e-12)
 
@@ -328,11 +332,12 @@ def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
     middle = polygon.vertices[step.ends].mean(axis=1)
     mesh = meshes.from_arrays(polygon, np.concatenate([polygon.vertices, middle]), fine.nodes)
     cells = partitions.make_uniform_partition(polygon, 1)
-    data = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), H1
+    u_h = np.zeros(mesh.n_nodes)
+    lambda_H = np.zeros(cells.n_cells)
     if not refused:
-        local_bounds.check_discrete_solution(*data)
+        local_bounds.check_discrete_solution(mesh, cells, u_h, lambda_H, H1)
         return
     with sentences.raises(InputError):
-        local_bounds.check_discrete_solution(*data)
+        local_bounds.check_discrete_solution(mesh, cells, u_h, lambda_H, H1)
     with sentences.raises(InputError):
         meshes.refine_uniformly(coarse)

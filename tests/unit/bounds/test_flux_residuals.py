@@ -264,7 +264,9 @@ def test_on_the_exact_mesh_fields_are_larger_at_edges():
 
 def linear_flux(mesh, slopes):
     """(2, E) the flux with the components a + b x + c y; these are the `slopes` (2, 3)."""
-    start, end = (mesh.points[node] for node in mesh.triangulation.ends.T)
+    first, last = mesh.triangulation.ends.T
+    start = mesh.points[first]
+    end = mesh.points[last]
     along_x, along_y = (end - start).T
     flow = []
     for x, y in (start.T, end.T):

@@ -78,15 +78,15 @@ def test_an_interval_misses_the_force_where_w_is_too_small(monkeypatch):
     """The control: w is not held at the ends of a side, so it is below 1 on the edges there."""
     mesh = make_structured_mesh(square(), 1 / 8)
     cells = partitions.make_uniform_partition(square(), 1 / 4)
-    data = mesh, cells, np.ones(cells.n_cells), 1e-3, [[0]]
-    assert bound_forces(*data)[0].upper >= 1
+    lambda_H = np.ones(cells.n_cells)
+    assert bound_forces(mesh, cells, lambda_H, 1e-3, [[0]])[0].upper >= 1
     limits = of_forces._nodal_lower_bounds
     monkeypatch.setattr(
         of_forces,
         "_nodal_lower_bounds",
         lambda *arguments: tuple(np.minimum(c, 0) for c in limits(*arguments)),
     )
-    assert bound_forces(*data)[0].upper < 1
+    assert bound_forces(mesh, cells, lambda_H, 1e-3, [[0]])[0].upper < 1
 
 
 def refuse(*_):
@@ -553,8 +553,9 @@ def test_forces_and_reactions_lie_in_their_intervals_for_every_reaction_coeffici
         1e-3 * bound.reaction_bound,
         data.total_force,
     )
-    fields = s.mesh, s.solved.partition, s.solved.lambda_H, 1e-3 * bound.lambda_
-    narrow = bound_forces(*fields, [[1], [3]], clamps)
+    narrow = bound_forces(
+        s.mesh, s.solved.partition, s.solved.lambda_H, 1e-3 * bound.lambda_, [[1], [3]], clamps
+    )
     assert not any(force.lower <= true <= force.upper for force, true in zip(narrow, exact, strict=True))
 
 
@@ -611,21 +612,24 @@ def exact_balance(polygon, f, q):
     """- int f - int q with 40 digits, f = a + bx + cy and q = a + bx + cy on the sides that have one."""
 
     def mean(linear, corners):
-        x, y = (
-            sum(map(mpmath.mpf, coordinates)) / len(corners) for coordinates in np.transpose(corners).tolist()
-        )
+        xs, ys = np.transpose(corners).tolist()
+        x = sum(map(mpmath.mpf, xs)) / len(corners)
+        y = sum(map(mpmath.mpf, ys)) / len(corners)
         return linear[0] + linear[1] * x + linear[2] * y
 
     with mpmath.workdps(40):
         total = mpmath.mpf(0)
         v = polygon.vertices
         for i in range(1, len(v) - 1):  # triangles (v_0, v_i, v_{i+1}), with signs
-            (ax, ay), (bx, b_y), (cx, cy) = (tuple(map(mpmath.mpf, p)) for p in v[[0, i, i + 1]].tolist())
+            ax, ay = map(mpmath.mpf, v[0].tolist())
+            bx, b_y = map(mpmath.mpf, v[i].tolist())
+            cx, cy = map(mpmath.mpf, v[i + 1].tolist())
             area = ((bx - ax) * (cy - ay) - (b_y - ay) * (cx - ax)) / 2
             total += area * mean(f, v[[0, i, i + 1]])
         for side, linear in q.items():
             ends = v[[side, (side + 1) % len(v)]]
-            (ax, ay), (bx, b_y) = (tuple(map(mpmath.mpf, p)) for p in ends.tolist())
+            ax, ay = map(mpmath.mpf, ends[0].tolist())
+            bx, b_y = map(mpmath.mpf, ends[1].tolist())
             total += mpmath.hypot(bx - ax, b_y - ay) * mean(linear, ends)
         return -total
 

@@ -88,7 +88,9 @@ def diameters(mesh):
 
 def patch_flux(mesh, nodal, gradient, f, order):
     """q with div q = f, nearest to -psi_a grad u_h on the patch of every node a, by dense systems."""
-    fluxes, divergences = (skfem.Basis(mesh, element, intorder=8) for element in ORDERS[order])
+    flux_element, divergence_element = ORDERS[order]
+    fluxes = skfem.Basis(mesh, flux_element, intorder=8)
+    divergences = skfem.Basis(mesh, divergence_element, intorder=8)
     phi = np.array([b[0] + 0 * f for b in fluxes.basis])
     w = np.array([b[0] + 0 * f for b in divergences.basis])
     hat = np.array([b[0] + 0 * f for b in nodal.basis])

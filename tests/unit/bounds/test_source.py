@@ -23,7 +23,7 @@ from unilateral.geometry.structured import make_structured_mesh
 
 def integrate_remainder(source, enclosure, times=40):
     """(m,) ||f - f_h||_T and (m,) the integrals of f - f_h, by midpoints of times^2 parts of each T."""
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(times), np.arange(times), indexing="ij"))
+    i, j = np.indices((times, times)).reshape(2, -1)
     up = i + j < times
     down = i + j < times - 1
     first = np.concatenate([i[up] + 1 / 3, i[down] + 2 / 3]) / times
@@ -76,7 +76,8 @@ def test_no_peak_is_missed(width, place):
 
     The mesh has 8 triangles. Control: points of a rule miss it; f_h, of its mean, is small where f is narrow.
     """
-    a, b = (sympy.Rational(str(c)) for c in place)
+    a = sympy.Rational(str(place[0]))
+    b = sympy.Rational(str(place[1]))
     source = Source(f"exp(-((x - {a})**2 + (y - {b})**2)*{1 / width**2:.0f})")
     enclosure = enclose_function(make_structured_mesh(square(), 1 / 2), source)
     share = (0.5 if b == 0 else 1.0) * np.pi * width**2

@@ -207,9 +207,9 @@ def project_exactly(c, corners):
 
     Both are exact.
     """
-    x, y = (
-        sum(hat * Rational(z) for hat, z in zip(HATS, corner, strict=True)) for corner in corners.T.tolist()
-    )
+    xs, ys = corners.T.tolist()
+    x = sum(hat * Rational(z) for hat, z in zip(HATS, xs, strict=True))
+    y = sum(hat * Rational(z) for hat, z in zip(HATS, ys, strict=True))
     terms = zip(monomial_basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
     p = sum(x**i * y**j * Rational(item) for (i, j), item in terms)
     moments = [mean(p * hat) for hat in HATS]
@@ -299,7 +299,9 @@ def test_polynomials_are_taken_from_the_coarsest_level(name):
     Up to 1e-12 of ||f|| or, far away, to as many units of rounding as the largest coordinate has.
     """
     mesh = mesh_of(name)
-    x, y = (f"({z} - {c!r})" for z, c in zip("xy", mesh.polygon.vertices[0].tolist(), strict=True))
+    corner = mesh.polygon.vertices[0].tolist()
+    x = f"(x - {corner[0]!r})"
+    y = f"(y - {corner[1]!r})"
     counted = Counted(f"3*{x}**4 - 2*{x}*{y}**3 + {y}**2 - 5*{x} + 7")
     enclosure = enclose_function(mesh, counted)
     if name != "at a corner" and name in NEAR:

@@ -43,7 +43,7 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     block = source_pieces.enclose_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
     worst = 0.0
     for k, expected in enumerate(np.sqrt(block.remainder_squares / block.outer_area)):
-        c, *slopes = (Fraction(float(item)) for item in block.c[:3, k])
+        c, *slopes = [Fraction(float(coefficient)) for coefficient in block.c[:3, k]]
         at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
         for p, weights in zip(at_corners, block.corners[k].tolist(), strict=True):
             exact = sum(Fraction(b) * Fraction(item) for b, item in zip(weights, corner_values, strict=True))

@@ -228,10 +228,9 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     """Norms by the growth, products by its square; and lambda_H - sigma counts for lambda_H."""
     trial = trials[1]
     before = np.array(trial.bounds())
-    data = trial.of_u, trial.of_v, trial.D, trial.D_clamped
-    grown = bound_total_errors(1.5, *data, sigma_distance=0.0)
+    grown = bound_total_errors(1.5, trial.of_u, trial.of_v, trial.D, trial.D_clamped, sigma_distance=0.0)
     assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
-    after = bound_total_errors(1.5, *data, sigma_distance=2.0)
+    after = bound_total_errors(1.5, trial.of_u, trial.of_v, trial.D, trial.D_clamped, sigma_distance=2.0)
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
 
 

@@ -27,7 +27,7 @@ def cut_ears(random, nodes, ring):
         ears = []
         for n in range(len(ring)):
             triangle = [ring[n - 1], ring[n], ring[(n + 1) % len(ring)]]
-            a, b, c = (nodes[i] for i in triangle)
+            a, b, c = [nodes[i] for i in triangle]
             other_nodes = [nodes[i] for i in ring if i not in triangle]
             crossed = any(
                 min(doubled_area(a, b, z), doubled_area(b, c, z), doubled_area(c, a, z)) >= 0

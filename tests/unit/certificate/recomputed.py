@@ -321,10 +321,8 @@ class Recomputed:
                 times(4 * self.trace[i, j], product(s, remaining)),
                 times(self.trace[j], product(s, total(s, times(-1, remaining)))),
             )
-            X, Y = (
-                total(times(a, remaining), times(b, s))
-                for a, b in zip(self.nodes[i], self.nodes[j], strict=True)
-            )
+            X = total(times(self.nodes[i][0], remaining), times(self.nodes[j][0], s))
+            Y = total(times(self.nodes[i][1], remaining), times(self.nodes[j][1], s))
             gap = total(trace, times(-1, substitute(g, X, Y)))
             density = product(total(times(first, remaining), times(last, s)), gap)
             B += sum((c / (power + 1) for (power, _), c in density.items()), Fraction(0))

@@ -139,7 +139,7 @@ def count_outside(text, exact, points=6):
         bounds = formula.on_edge(*ends)
         for _ in range(points):
             s = Q(rng.randrange(101), 100)
-            x, y = (a + s * (b - a) for a, b in zip(*ends, strict=True))
+            x, y = [a + s * (b - a) for a, b in zip(*ends, strict=True)]
             # Bernstein's polynomials are not negative: the ends of the coefficients give the bounds at s
             bernstein = ((1 - s) ** 2, 2 * s * (1 - s), s * s)
             lower = sum(b * z[0] for b, z in zip(bernstein, bounds, strict=True))
@@ -312,12 +312,13 @@ def test_quadratic_polynomials_are_exact(text):
 
 
 def test_polynomials_are_exact_where_they_are_quadratic_along_an_edge():
-    upright = [Q(1, 3), Q(0)], [Q(1, 3), Q(1)]
-    slanted = [Q(1, 3), Q(0)], [Q(1, 2), Q(1)]
+    start = [Q(1, 3), Q(0)]
+    above_start = [Q(1, 3), Q(1)]
+    aside = [Q(1, 2), Q(1)]
     for text in ("x**3 + y", "(x + 1)**3 - x**3"):
-        assert all(lower == upper for lower, upper in cf.Formula(text).on_edge(*upright))
-    assert all(lower == upper for lower, upper in cf.Formula("(x + 1)**3 - x**3").on_edge(*slanted))
-    lower, upper = cf.Formula("x**3 + y").on_edge(*slanted)[1]
+        assert all(lower == upper for lower, upper in cf.Formula(text).on_edge(start, above_start))
+    assert all(lower == upper for lower, upper in cf.Formula("(x + 1)**3 - x**3").on_edge(start, aside))
+    lower, upper = cf.Formula("x**3 + y").on_edge(start, aside)[1]
     assert lower < upper
 
 
@@ -326,10 +327,11 @@ LISTS = [[], [[0, 0, "-2/3"]], [[1, 0, "1/2"], [1, 1, "-3"]], [[2, 1, "1"], [0, 
 
 @pytest.mark.parametrize("terms", LISTS, ids=str)
 def test_lists_of_terms_are_read_as_by_the_other_checker(terms):
-    edge = [Q(1, 3), Q(0)], [Q(1, 3), Q(1)]
+    start = [Q(1, 3), Q(0)]
+    end = [Q(1, 3), Q(1)]
     polynomial = cf.Polynomial(terms)
     formula = cf.Formula(terms)
-    assert formula.on_edge(*edge) == polynomial.on_edge(*edge)
+    assert formula.on_edge(start, end) == polynomial.on_edge(start, end)
     assert str(formula) == str(polynomial)
     points = doubled_with_midpoints(TRIANGLE)
     values, unit, doubt = formula.on_triangle(points, 6)

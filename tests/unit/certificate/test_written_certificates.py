@@ -165,7 +165,9 @@ def line_through(side, start, end):
     b = np.array(KITE)[(side + 1) % 4]
 
     def g(t):
-        x, y = (p + (q - p) * (start + (end - start) * t) for p, q in zip(a, b, strict=True))
+        share = start + (end - start) * t
+        x = a[0] + (b[0] - a[0]) * share
+        y = a[1] + (b[1] - a[1]) * share
         return mpmath.sin(3 * x) * mpmath.exp(y)
 
     return g
@@ -289,7 +291,7 @@ def test_with_json_nothing_else_is_printed(run, tmp_path):
 
 def test_sharp_bounds_are_not_what_is_proved(run, tmp_path):
     """It is said, with the cheap bound; control: without --sharp it is not."""
-    arguments = "solve", EXAMPLES / "shelf.yaml", *SIZES, "--certificate", tmp_path / "c.json"
+    arguments = ["solve", EXAMPLES / "shelf.yaml", *SIZES, "--certificate", tmp_path / "c.json"]
     _, out, _ = run(*arguments, "--sharp")
     (cheap,) = re.findall(r"it proves +the bound without --sharp: at most (\S+)$", out, re.MULTILINE)
     assert float(cheap) == pytest.approx(read_proved_bounds(tmp_path / "c.json")[0], rel=CLOSE)
@@ -312,5 +314,5 @@ def test_refusals_come_before_the_solve(refusal, monkeypatch, tmp_path, problem,
 
 
 def test_a_dry_run_writes_no_certificate(refusal, tmp_path):
-    arguments = "solve", EXAMPLES / "shelf.yaml", "--accuracy", "0.1", "--dry-run"
+    arguments = ["solve", EXAMPLES / "shelf.yaml", "--accuracy", "0.1", "--dry-run"]
     assert "--certificate" in refusal(*arguments, "--certificate", tmp_path / "c.json")

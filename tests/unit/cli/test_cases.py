@@ -60,7 +60,7 @@ def test_the_text_of_a_case_has_its_formulas_and_proved_rates(run):
     """By hand from manufactured/natural.yaml: f = u - 16, for -lap 4 |z|^2 = -16 and the rest is harmonic."""
     code, out, err = run("cases", "natural")
     assert (code, err) == (0, "")
-    u, f = (line.split(" = ")[1] for line in out.splitlines() if line.startswith(("  u = ", "  f = ")))
+    u, f = [line.split(" = ")[1] for line in out.splitlines() if line.startswith(("  u = ", "  f = "))]
     assert f == f"{u} - 16"
     assert "  side 0, (0, 0) to (1, 0), contact 0.5 to 1\n    g = u - (2*pos(1/2 - x, 3/2)*x)\n" in out
     assert "(jjj) holds" in out
@@ -91,7 +91,7 @@ def test_a_case_is_shown_and_solved_on_a_polygon_of_one_s_own(run):
     assert (code, err) == (0, "")
     assert "  side 1, (2, 0) to (2, 1), contact 0.333333 to 0.583333\n" in out
     assert "  u is like r^(3/2) at (2, 0.333333)" in out
-    sizes = ("--h", "1/16", "--H", "1/8")
+    sizes = ["--h", "1/16", "--H", "1/8"]
     _, out, _ = run("solve", "thirds", "--polygon", SHELTER, "--side", "1", *sizes, "--json")
     document = json.loads(out)
     assert 0 < document["h1_error"] <= document["h1_bound"]

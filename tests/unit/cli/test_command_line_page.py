@@ -74,8 +74,7 @@ def read_printed(capsys, *arguments):
 
 
 def test_the_page_lists_the_fields_of_solve(capsys):
-    sizes = ("--h", "1/4", "--H", "1/2")
-    assert fields("solve") == list(read_printed(capsys, "solve", "full_contact", *sizes))
+    assert fields("solve") == list(read_printed(capsys, "solve", "full_contact", "--h", "1/4", "--H", "1/2"))
     plan = read_printed(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
     (message,) = re.findall(
         r"With `--dry-run` there are (.*?)\.$", SECTIONS["solve"], re.MULTILINE | re.DOTALL

@@ -85,7 +85,7 @@ def test_the_cells_that_break_the_rule_are_named(run, run_infsup, tmp_path):
     """By hand: side 0 has 2 edges for 4 cells, half an edge in each; the other sides have 8."""
     s = np.concatenate([[0, 0.5], 1 + np.arange(24) / 8])
     write_mesh(meshes.triangulate_from_boundary(square(), s), tmp_path / "own.msh")
-    pair = ("--mesh", str(tmp_path / "own.msh"), "--cells", "4")
+    pair = ["--mesh", str(tmp_path / "own.msh"), "--cells", "4"]
     cells = run_infsup(*pair)["rule"]["cells"]
     assert [cell["cell"] for cell in cells] == [0, 1, 2, 3]
     assert [cell["start"] for cell in cells] == [0, 0.25, 0.5, 0.75]
@@ -162,7 +162,7 @@ def test_a_problem_file_says_which_sides_are_clamped(run, tmp_path, c):
     file = tmp_path / "own.yaml"
     fields = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, -1, -1, null], u: {0: 0, 3: x - x}"
     file.write_text(f"{{{fields}, c: {c}}}")
-    sizes = "--polygon", str(file), "--h", "1/8", "--H", "1/4"
+    sizes = ["--polygon", str(file), "--h", "1/8", "--H", "1/4"]
     code, out, _ = run("infsup", *sizes, "--json")
     document = json.loads(out)
     assert (code, document["multipliers"], document["clamped_sides"]) == (0, 8, [0, 3])

@@ -65,7 +65,7 @@ def gradient_error(solution):
 
 def test_the_printed_bound_is_above_the_error(print_solution):
     """Which is above that of the gradient; the nearest number with four decimals is not."""
-    options = "--h", "1/128", "--H", "1/64", "--tolerance", "4e-5", "--sharp"
+    options = ["--h", "1/128", "--H", "1/64", "--tolerance", "4e-5", "--sharp"]
     (bound,) = re.findall(rf"\|\|u - u_h\|\|_1 <= ({NUMBER})", print_solution(PARABOLA, *options))
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     g = [None, f"{SCALE}/2", None, None]

@@ -88,7 +88,7 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(run):
     """And beta is not what is to blame."""
     code, out, err = run("solve", "rough", *SIZES)
     assert (code, err) == (0, "")
-    dual, l2 = (line for line in out.splitlines() if line.startswith("  ||lambda - lambda_H"))
+    dual, l2 = [line for line in out.splitlines() if line.startswith("  ||lambda - lambda_H")]
     assert ">= " in dual
     assert "<=" not in dual
     assert l2.endswith("= undefined, because lambda is not in L2")
@@ -166,7 +166,7 @@ def test_a_case_of_one_s_own_is_solved_under_its_name(run, tmp_path):
 
 @pytest.mark.parametrize("algorithm", ["uzawa", "nesterov"])
 def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
-    options = ("natural", *SIZES, "--max-steps", "1", "--algorithm", algorithm)
+    options = ["natural", *SIZES, "--max-steps", "1", "--algorithm", algorithm]
     code, records, err = solve_json(run, *options)
     assert (code, records["converged"], records["iterations"]) == (3, False, 1)
     bound = format_up(records["algebraic_bound"], ".4e")
@@ -180,10 +180,9 @@ def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
 
 
 def test_rho_and_tolerance_are_obeyed(run):
-    options = (("1e-2", "--rho", "1/4"), ("1e-8", "--rho", "1/4"), ("1e-8",))
-    loose, tight, default = (
-        solve_json(run, "natural", *SIZES, "--tolerance", *option)[1] for option in options
-    )
+    _, loose, _ = solve_json(run, "natural", *SIZES, "--tolerance", "1e-2", "--rho", "1/4")
+    _, tight, _ = solve_json(run, "natural", *SIZES, "--tolerance", "1e-8", "--rho", "1/4")
+    _, default, _ = solve_json(run, "natural", *SIZES, "--tolerance", "1e-8")
     assert tight["algebraic_bound"] <= 1e-8 < loose["algebraic_bound"] <= 1e-2
     assert loose["iterations"] < tight["iterations"]
     assert default["iterations"] < tight["iterations"]
@@ -308,10 +307,8 @@ def test_the_forces_are_printed(run, monkeypatch):
 
 def test_free_sides_of_a_case_change_no_solution_but_the_count(run):
     """thirds has contact on side 0; its lambda_H is 0 on the others anyway."""
-    sizes = ("thirds", *SIZES, "--tolerance", "1e-9")
-    (_, contact, _), (_, free, _) = (
-        solve_json(run, *sizes, *options) for options in ((), ("--free-sides", "2,3"))
-    )
+    _, contact, _ = solve_json(run, "thirds", *SIZES, "--tolerance", "1e-9")
+    _, free, _ = solve_json(run, "thirds", *SIZES, "--tolerance", "1e-9", "--free-sides", "2,3")
     assert (contact["multipliers"], free["multipliers"]) == (16, 8)
     assert free["h1_error"] == pytest.approx(contact["h1_error"], abs=3e-9)
     assert free["l2_error"] == pytest.approx(contact["l2_error"], rel=1e-5)
@@ -321,9 +318,8 @@ def test_free_sides_of_a_case_change_no_solution_but_the_count(run):
 def test_idle_sides_are_left_out_on_request(run, problem_file_of):
     """f >= 1 and g < 1 on sides 0 and 3: 8 of 16 multipliers."""
     file = problem_file_of(f="1 + x*y", g="[x**2/2, 1/2 + y, x + 1/2, y/2]")
-    (_, every, _), (_, left_out, _) = (
-        solve_json(run, file, *SIZES, *options) for options in ((), ("--leave-out-idle-sides",))
-    )
+    _, every, _ = solve_json(run, file, *SIZES)
+    _, left_out, _ = solve_json(run, file, *SIZES, "--leave-out-idle-sides")
     assert (every["multipliers"], left_out["multipliers"]) == (16, 8)
     assert left_out["total_bound"] == pytest.approx(every["total_bound"], rel=1e-2)
 
@@ -331,7 +327,7 @@ def test_idle_sides_are_left_out_on_request(run, problem_file_of):
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
     """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
     monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 2.0)
-    sizes = "--h", "1/32", "--H", "1/16"
+    sizes = ["--h", "1/32", "--H", "1/16"]
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
     assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")
     assert "guaranteed  " not in out
@@ -365,7 +361,7 @@ def linear(folder, remaining="free_sides: [0], u: {1: 0, 2: 0, 3: null}, k: 2, c
 @pytest.mark.parametrize("remaining", ["u: {1: 0}, free_sides: [0, 2, 3], c: 0", "free_sides: [0, 1, 2, 3]"])
 def test_what_only_multipliers_have_is_null_where_there_are_none(run, tmp_path, remaining):
     """Control: with an obstacle, which is far away, numbers are there, among them forces of 0."""
-    sizes = "--h", "1/8", "--H", "1/4", "--json"
+    sizes = ["--h", "1/8", "--H", "1/4", "--json"]
     names = "beta", "hm12_algebraic_bound", "hm12_bound"
     document = json.loads(run("solve", linear(tmp_path, remaining), *sizes)[1])
     assert [document[name] for name in names] == [None] * 3
@@ -377,11 +373,11 @@ def test_what_only_multipliers_have_is_null_where_there_are_none(run, tmp_path, 
 
 def test_an_accuracy_of_multipliers_is_refused_where_there_are_none(run, tmp_path):
     """Control: one of u is reached."""
-    asked = "solve", linear(tmp_path), "--accuracy", "0.5"
+    arguments = ["solve", linear(tmp_path), "--accuracy", "0.5"]
     text = f"unilateral: 'linear': {LINEAR}; ask for an accuracy of u, in the norm h1\n"
     for extra in ((), ("--absolute",), ("--dry-run",)):
-        assert run(*asked, "--norm", "hm12", *extra) == (2, "", text)
-    assert "  certified: k^(1/2) |u - u_h|_1 <= " in run(*asked)[1]
+        assert run(*arguments, "--norm", "hm12", *extra) == (2, "", text)
+    assert "  certified: k^(1/2) |u - u_h|_1 <= " in run(*arguments)[1]
 
 
 def test_errors_of_multipliers_are_not_printed_where_there_are_none(run, tmp_path):
@@ -394,9 +390,9 @@ def test_errors_of_multipliers_are_not_printed_where_there_are_none(run, tmp_pat
     )
     sides = "".join(f"\n  - {{ side: {i}, u: cos(pi*x)*y**2/2 }}" for i in (1, 2, 3))
     file.write_text(start + remaining + sides + "\nc: 0" + text.partition("\nc: 0")[2])
-    case = "solve", str(file), "--h", "1/8", "--H", "1/4"
-    assert "||lambda - lambda_H||_-1/2  >= " in run(*case)[1]
-    out = run(*case, "--free-sides", "0")[1]
+    arguments = ["solve", str(file), "--h", "1/8", "--H", "1/4"]
+    assert "||lambda - lambda_H||_-1/2  >= " in run(*arguments)[1]
+    out = run(*arguments, "--free-sides", "0")[1]
     assert re.search(r"\|u - u_h\|_1 += ", out)
     assert "lambda" not in out
 

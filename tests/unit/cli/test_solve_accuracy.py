@@ -65,7 +65,7 @@ def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
 
 def test_an_absolute_accuracy_is_certified_without_the_norm(run):
     """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
-    arguments = ("natural", "--accuracy", "1.5", "--absolute")
+    arguments = ["natural", "--accuracy", "1.5", "--absolute"]
     code, records, err = solve_json(run, *arguments)
     assert (code, err, records["certified"]) == (0, "", True)
     assert records["h1_error"] <= records["total_bound"] <= 1.5
@@ -133,7 +133,7 @@ def test_an_accuracy_in_the_dual_norm_is_certified_for_a_problem(run):
 def test_a_budget_that_ends_is_code_3(run, monkeypatch, option, value):
     """And what it needs is said: more than the unknowns so far."""
     monkeypatch.setattr(forecast, "observe_seconds", lambda _: (0.0, 0.02))
-    arguments = ("natural", "--accuracy", "1e-3", option, value)
+    arguments = ["natural", "--accuracy", "1e-3", option, value]
     code, out, err = run("solve", *arguments)
     assert (code, err) == (3, "")
     assert re.search(rf"NOT certified, out of budget \(.*{option} {value}.*\): \|\|u - u_h\|\|_1 <= ", out)
@@ -188,16 +188,16 @@ def test_a_dry_run_says_what_is_needed(run):
 
     Solved are the first levels only, up to one that is large enough.
     """
-    dry = ("solve", LSHAPE, "--accuracy", "0.01", "--dry-run", "--max-seconds", "9999")
+    dry = ["solve", LSHAPE, "--accuracy", "0.01", "--dry-run", "--max-seconds", "9999"]
     code, out, err = run(*dry)
     assert (code, err) == (0, "")
     (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
     assert float(needed) == json.loads(run(*dry, "--json")[1])["unknowns"] > 49_999
     assert "\n  adapted meshes, because a few triangles contribute most of the bound\n" in out
     assert "H = 2h" in out
-    *before, last = (int(level[3]) for level in level_rows(out))
+    *before, last = [int(level[3]) for level in level_rows(out)]
     assert max(before) < forecast.MIN_PLAN_UNKNOWNS <= last < 10 * forecast.MIN_PLAN_UNKNOWNS
-    limited = (*dry, "--max-unknowns", "49999")
+    limited = [*dry, "--max-unknowns", "49999"]
     text = r"; not within --max-unknowns 49999; try --accuracy (0\.02|0\.05)\n"
     (reach,) = re.findall(text, run(*limited)[1])
     assert json.loads(run(*limited, "--json")[1])["reach"] == float(reach)
@@ -205,7 +205,7 @@ def test_a_dry_run_says_what_is_needed(run):
 
 def test_a_dry_run_in_json_has_null_where_nothing_is_known(run):
     """lambda_H = 0 says nothing of a part of it."""
-    options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
+    options = ["--dry-run", "--json", "--max-unknowns", "100", "--accuracy"]
     code, out, _ = run("solve", "natural", *options, "0.01")
     document = json.loads(out)
     assert (code, list(document)) == (0, KEYS_OF_PLAN)
@@ -225,7 +225,7 @@ def test_a_dry_run_that_cannot_go_on_says_why(run, problem_file_of):
     step_limit = steps, "the iteration did not converge (--max-steps, "
     f = (problem_file_of(f="1 + cos(3200*pi*x)", g=0),), "f or g varies too fast or has terms that cancel"
     for options, why in (step_limit, f):
-        dry = ("solve", *options, "--dry-run", "--accuracy", "0.01")
+        dry = ["solve", *options, "--dry-run", "--accuracy", "0.01"]
         code, out, _ = run(*dry)
         assert code == 0
         assert f"  plan: unknown, {why}" in out

@@ -50,7 +50,9 @@ TIMES = int(os.environ.get("UNILATERAL_FUZZ", "0")) // 6 or 1
 def wide_coefficients(seed: int) -> tuple[int, str, str]:
     """A seed, k from 1e-12 to 1e12, and c = 0 or in the same range."""
     rng = np.random.default_rng([48, seed])
-    k, c = (f"1e{power}" for power in rng.integers(-12, 13, 2))
+    k_power, c_power = rng.integers(-12, 13, 2)
+    k = f"1e{k_power}"
+    c = f"1e{c_power}"
     return seed, k, c if rng.random() < 0.9 else "0"
 
 
@@ -91,13 +93,13 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     for side in range(1, n):
         (ax, ay) = [sympy.Rational(z) for z in corners[side % n]]
         (bx, b_y) = [sympy.Rational(z) for z in corners[(side + 1) % n]]
-        along = sympy.Rational(1) * (bx - ax), sympy.Rational(1) * (b_y - ay)
-        flux = (slopes[0] * along[1] - slopes[1] * along[0]) / sympy.sqrt(along[0] ** 2 + along[1] ** 2)
+        dx = sympy.Rational(1) * (bx - ax)
+        dy = sympy.Rational(1) * (b_y - ay)
+        flux = (slopes[0] * dy - slopes[1] * dx) / sympy.sqrt(dx**2 + dy**2)
         t = np.linspace(0, 1, 401)
-        places = float(ax) + t * float(along[0]), float(ay) + t * float(along[1])
-        _, u_x, u_y = exact(*places)
-        values = (u_x * float(along[1]) - u_y * float(along[0])) / math.hypot(*along)
-        slanted = along[0] != 0 and along[1] != 0
+        _, u_x, u_y = exact(float(ax) + t * float(dx), float(ay) + t * float(dy))
+        values = (u_x * float(dy) - u_y * float(dx)) / math.hypot(dx, dy)
+        slanted = dx != 0 and dy != 0
         if rng.random() < 0.4 or side == n - 1 or slanted:
             u_there[side] = str(u)
         elif values.min() > 1e-9 and side not in (1, n - 1):
@@ -356,9 +358,9 @@ def test_forces_and_reactions_of_a_function_are_those_of_its_formula() -> None:
         ul.Problem(POLYGONS["square"], f, [None, "1 + y", None, None], **data)
         for f in (-2, lambda x, y: 0 * x - 2)
     ]
-    expected, computed = (
+    expected, computed = [
         ul.solve(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10)).forces() for problem in pair
-    )
+    ]
     assert computed.whole.value == pytest.approx(expected.whole.value, abs=1e-8)
     np.testing.assert_allclose(computed.whole, expected.whole, rtol=0, atol=1e-7)
     np.testing.assert_allclose(computed.reactions[3,], expected.reactions[3,], rtol=0, atol=1e-7)

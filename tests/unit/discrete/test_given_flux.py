@@ -261,10 +261,10 @@ def test_functions_are_refused_likewise(q):
 def test_no_flux_is_a_flux_of_0():
     """Bit for bit."""
     for problem in (FIELDS, {**FIELDS, "k": 2, "c": 3}):
-        first, *alternatives = (
-            ul.solve(ul.Problem(SQUARE, **problem, **q), h=1 / 8, H=1 / 4)
-            for q in ({}, {"q": 0}, {"q": [0, None, None, None]})
-        )
+        first = ul.solve(ul.Problem(SQUARE, **problem), h=1 / 8, H=1 / 4)
+        alternatives = [
+            ul.solve(ul.Problem(SQUARE, **problem, q=q), h=1 / 8, H=1 / 4) for q in (0, [0, None, None, None])
+        ]
         for item in alternatives:
             assert np.array_equal(item.u, first.u)
             assert item.bounds == first.bounds

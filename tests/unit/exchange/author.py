@@ -211,7 +211,9 @@ def solve_level(level, bug="", method="cells"):
     if bug.startswith("stopped early"):
         u, mu = uzawa(A, f, rows, g, lengths, clamped_finite, bug.endswith("behind"))
     elif bug == "conditions turned around":
-        u, mu = (-item for item in contact(A, -f, rows, -g, lengths, clamped_finite))
+        minus_u, minus_mu = contact(A, -f, rows, -g, lengths, clamped_finite)
+        u = -minus_u
+        mu = -minus_mu
     else:
         u, mu = contact(A, f, rows, g, lengths, clamped_finite, bug != "Dirichlet everywhere")
     full = np.nan_to_num(u_D)

@@ -107,7 +107,7 @@ def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refusal):
     meshio.write(tmp_path / "empty.vtk", meshio.Mesh(np.zeros((0, 3)), []))
     words = {"lines.vtu": "there are no triangles", "empty.vtk": "not what its ending says"}
     for name, word in words.items():
-        options = ("--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out")
+        options = ["--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out"]
         error = re.sub(r"\(meshio .*\)", "", refusal("export", "natural", *options))
         assert word in error
         assert "shape" not in error

@@ -101,7 +101,9 @@ def test_no_number_above_the_eigenvalue_passes(monkeypatch):
 def constant_above(vertices):
     """The largest ||w||_0 / (d |w|_1) of continuous w that are linear on a finer mesh, so a lower bound."""
     mesh = divide_triangle(vertices)
-    K, M = (item.toarray() for item in stiffness_and_mass(mesh))
+    stiffness, mass = stiffness_and_mass(mesh)
+    K = stiffness.toarray()
+    M = mass.toarray()
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
     integrals = np.zeros((3, mesh.n_nodes))

@@ -97,7 +97,9 @@ def between(lower, number, upper):
 
 def holds(model, j, sigma, f):
     """Whether a value f at sigma is in the model's range and within its remainder; None if not known."""
-    low, high, rad = (float(item[j]) for item in (*model.range, model.rad))
+    low = float(model.range[0][j])
+    high = float(model.range[1][j])
+    rad = float(model.rad[j])
     p = polynomial(model.c[:, j].tolist(), model.basis.exponents.tolist(), sigma)
     answers = between(low, f, high), between(-rad, f - p, rad)
     return False if False in answers else (None if None in answers else True)

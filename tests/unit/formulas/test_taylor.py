@@ -45,8 +45,8 @@ def test_the_remainder_falls_with_the_order(text):
     """By a factor of 2^(n + 1) for half of the box, less the rounding."""
     formula = parse_formula(text, ("x", "y"), "here")
     for order in (2, 4):
-        boxes = (box(order, (0.31, 0.52), size * ARMS) for size in (0.02, 0.01))
-        coarse, fine = (enclose_formula(formula, variables).rad[0] for variables in boxes)
+        coarse = enclose_formula(formula, box(order, (0.31, 0.52), 0.02 * ARMS)).rad[0]
+        fine = enclose_formula(formula, box(order, (0.31, 0.52), 0.01 * ARMS)).rad[0]
         assert fine <= 1.1 * coarse / 2 ** (order + 1) + 1e-10
 
 

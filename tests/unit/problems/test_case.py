@@ -225,8 +225,8 @@ def sample(place, h, degree):
     case = load(*place)
     inner = []
     for rule in triangle_rules(make_structured_mesh(case.polygon, h), case, degree):
-        where = rule.origin, rule.offset
-        inner.append((rule, *case.value_and_gradient(*where), case.source(*where)))
+        u, gradient = case.value_and_gradient(rule.origin, rule.offset)
+        inner.append((rule, u, gradient, case.source(rule.origin, rule.offset)))
     rule = boundary_rule(case.polygon, case.polygon.starts, case.singular_points())
     u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     return inner, (case.polygon.at(rule.side, rule.s), rule.weight, u, flux)

@@ -5,7 +5,7 @@ from documents import blocks
 
 from unilateral import cli
 
-EXAMPLE, QUOTED = (block.text for block in blocks("manufactured/README.md"))
+EXAMPLE, QUOTED = [block.text for block in blocks("manufactured/README.md")]
 SLIPS = [
     ("+ pos(t - 4/5, 2)", "- pos(t - 4/5, 2)"),
     ("elsewhere: 1/25", "elsewhere: 1/20"),

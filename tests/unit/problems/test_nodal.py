@@ -128,16 +128,15 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(data, seed, way
     finer = ul.mesh(mesh, halvings=3)
     f, g, q = draw_kinked_values(seed, mesh.n_nodes)
     data = {"free_sides": [2], **data}
-    obstacle_data = ("-x/4 - y/9",) * 2 if way == "a formula of g" else (g, prolong_values(mesh, g, finer))
-    coarse, fine = (
-        ul.solve(
-            ul.Problem(
-                grid, prolong_values(mesh, f, grid), obstacle, q=prolong_values(mesh, q, grid), **data
-            ),
-            H=H,
-        )
-        for grid, obstacle, H in zip((mesh, finer), obstacle_data, (1 / 2, 1 / 16), strict=True)
-    )
+
+    def solve_on(grid, H):
+        obstacle = "-x/4 - y/9" if way == "a formula of g" else prolong_values(mesh, g, grid)
+        source = prolong_values(mesh, f, grid)
+        flux = prolong_values(mesh, q, grid)
+        return ul.solve(ul.Problem(grid, source, obstacle, q=flux, **data), H=H)
+
+    coarse = solve_on(mesh, 1 / 2)
+    fine = solve_on(finer, 1 / 16)
     fine_mesh = fine.solved.mesh
     away = fine.solved.u_h - prolong_values(mesh, coarse.solved.u_h, finer)
     distance = energy_norm(fine_mesh, away, fine.solved.form)

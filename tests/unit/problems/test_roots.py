@@ -76,7 +76,7 @@ def test_a_line_with_irrational_numbers_is_the_line_up_to_rounding(a, exact):
     (kink,) = zero_curve(parse_formula(a, "xy", "f"))
     points = np.random.default_rng(1).random((20, 2))
     with mpmath.workdps(50):
-        slope_x, slope_y, constant = (mpmath.mpf(item) for item in exact(mpmath))
+        slope_x, slope_y, constant = map(mpmath.mpf, exact(mpmath))
         size = mpmath.hypot(slope_x, slope_y)
         distances = [float((slope_x * x + slope_y * y + constant) / size) for x, y in points.tolist()]
     assert kink.signed_distances(points) == pytest.approx(distances, abs=4 * 2.0**-52)

@@ -112,7 +112,8 @@ def check_problem(problem, data):
     free = tuple(i for i in range(4) if problem.kinds[i] == FREE)
     clamped = tuple(i for i in range(4) if problem.kinds[i] == CLAMPED)
     g = [sides.get(i, ZERO) for i in range(4)]
-    k, c = (parse_formula(repr(float(item)), (), "drawn") for item in problem.kc)
+    k = parse_formula(repr(float(problem.kc[0])), (), "drawn")
+    c = parse_formula(repr(float(problem.kc[1])), (), "drawn")
     posed = Problem("drawn", UNIT, ZERO, tuple(g), free, k, c, clamped_sides=clamped)
     if data is function:
         return build.put_on_mesh(posed, MESH)

@@ -179,7 +179,7 @@ def test_handlers_are_as_before_afterwards_and_what_is_ignored_stays_so():
 
 def caught():
     """The signals that have a handler, as the system knows it; see proc(5)."""
-    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if "SigCgt" in line)
+    (line,) = [line for line in Path("/proc/self/status").read_text().splitlines() if "SigCgt" in line]
     mask = int(line.split()[1], 16)
     return {number for number in signal.valid_signals() if mask >> (number - 1) & 1}
 

@@ -61,7 +61,7 @@ def run_command(*arguments, **environment):
 @pytest.mark.parametrize("how", [("--accuracy", "0.1"), ("--h", "1/16", "--H", "1/8")], ids=" ".join)
 def test_a_solution_is_the_same_without_what_only_linux_has(how, run):
     """By levels, and by elimination in another order: the same numbers up to rounding."""
-    task = ("solve", str(ROOT / "examples/cog.yaml"), *how, "--json")
+    task = ["solve", str(ROOT / "examples/cog.yaml"), *how, "--json"]
     document = json.loads(run(*task)[1])
     there = json.loads(run_command("-c", WITHOUT, *task))
     assert there["peak_mb"] == 99
@@ -93,7 +93,7 @@ def test_files_are_the_same_where_the_locale_has_ascii_only(tmp_path, monkeypatc
     """And nothing is opened in the locale's encoding, of which Python warns if it is asked to; libraries that
     write other files than .csv do so.
     """
-    strict = ("-X", "warn_default_encoding", "-W", "error::EncodingWarning", "-c", WRITES)
+    strict = ["-X", "warn_default_encoding", "-W", "error::EncodingWarning", "-c", WRITES]
     written = []
     ascii_only = {"PYTHONUTF8": "0", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"}
     for name, environment in (("utf-8", {}), ("ascii", ascii_only)):

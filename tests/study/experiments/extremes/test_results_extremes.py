@@ -77,8 +77,12 @@ def test_what_bounds_are_allowed_is_small():
 
     What is printed of it is twice as large, and needed: a hundredth of it would be too small.
     """
-    names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
-    error, bound, allowance, tolerance, u_norm = (read_survey()[name].values for name in names)
+    survey = read_survey()
+    error = survey["true_error"].values
+    bound = survey["guaranteed"].values
+    allowance = survey["allowance"].values
+    tolerance = survey["tolerance"].values
+    u_norm = survey["u_norm"].values
     tried = np.isfinite(error)
     solved = u_norm > 0
     printed = outcomes()["allowed"]

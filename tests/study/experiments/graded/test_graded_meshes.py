@@ -119,7 +119,9 @@ def test_in_full_contact_the_problem_is_linear(spaces):
 
     Control: the singular part's has both signs, and so is no solution of a contact problem.
     """
-    singular, smooth = (replace(CASE, atoms=(atom,)) for atom in CASE.atoms)
+    singular_atom, smooth_atom = CASE.atoms
+    singular = replace(CASE, atoms=(singular_atom,))
+    smooth = replace(CASE, atoms=(smooth_atom,))
     equality_multipliers = [
         measure.equality_multiplier(discretise_case(spaces, project_case(component, spaces)))
         for component in (singular, smooth)

@@ -73,10 +73,13 @@ def test_on_uniform_meshes_beta_grows_with_the_edges_per_cell(name):
 
 def test_at_a_fixed_ratio_beta_is_uniform_in_h():
     """H = 1/16 and 1/32: Lemma 3.1's constant depends on the ratio only; the corners' share is below 5 %."""
-    coarse, fine = (
-        dict(zip(np.round(row["edges_per_cell"].values, 6), row["beta_lower"].values, strict=True))
-        for row in (survey(name).isel(partition=0) for name in ("betasquare", "betasquarefine"))
-    )
+
+    def beta_by_ratio(name):
+        row = survey(name).isel(partition=0)
+        return dict(zip(np.round(row["edges_per_cell"].values, 6), row["beta_lower"].values, strict=True))
+
+    coarse = beta_by_ratio("betasquare")
+    fine = beta_by_ratio("betasquarefine")
     common = sorted(K for K in coarse.keys() & fine.keys() if coarse[K] > 0)
     assert len(common) >= 6
     computed = np.array([fine[K] for K in common])

@@ -60,7 +60,9 @@ def test_the_worst_of_equally_bad_multipliers_is_the_symmetric_one():
 
 def test_the_worst_multiplier_of_a_single_class_is_the_eigenvector():
     rng = np.random.default_rng(1)
-    D, G = (X @ X.T + np.eye(6) for X in rng.standard_normal((2, 6, 6)))
+    X, Y = rng.standard_normal((2, 6, 6))
+    D = X @ X.T + np.eye(6)
+    G = Y @ Y.T + np.eye(6)
     expected = eigh(D, G)[1][:, 0]
     expected /= expected[np.abs(expected).argmax()]
     assert_allclose(worst_multiplier(D, G), expected, rtol=1e-10)
