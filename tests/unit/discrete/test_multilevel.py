@@ -102,7 +102,7 @@ ON_MESHES = [
 ]
 """Problems, on meshes with so many edges in a cell, or refined so often, at random with a seed."""
 on_both_meshes = pytest.mark.parametrize(
-    "discretise", [discretise_on_uniform_mesh, discretise_on_random_mesh]
+    "discretise_on_mesh", [discretise_on_uniform_mesh, discretise_on_random_mesh]
 )
 
 
@@ -112,14 +112,14 @@ def solve_condensed(problem, discrete):
     return second, second.solve(Stop(tolerance=1e-11, algorithm="active_set"))
 
 
-@pytest.mark.parametrize(("name", "discretise", "arguments"), ON_MESHES)
-def test_both_ways_lead_to_the_same_solution(name, discretise, arguments):
+@pytest.mark.parametrize(("name", "discretise_on_mesh", "arguments"), ON_MESHES)
+def test_both_ways_lead_to_the_same_solution(name, discretise_on_mesh, arguments):
     """By active sets and by clarabel, both independent of these sets and steps."""
     problem = load_problem(name)
-    discrete = discretise(problem, *arguments)
+    discrete = discretise_on_mesh(problem, *arguments)
     reference, expected = solve_condensed(problem, discrete)
     solved = discrete.solve(EXACTLY)
-    assert discrete.mesh.is_adapted == (discretise is discretise_on_random_mesh)
+    assert discrete.mesh.is_adapted == (discretise_on_mesh is discretise_on_random_mesh)
     assert solved.result.algorithm == "multigrid"
     assert solved.result.converged
     assert solved.result.bound <= 1e-11
@@ -141,7 +141,9 @@ def test_both_ways_lead_to_the_same_solution(name, discretise, arguments):
     assert np.all(solved.lambda_H >= 0)
     assert (solved.lambda_H.max() > 0) == (name != "no contact")
     # On the finest cells of uniform meshes a corner is free.
-    assert discretise is discretise_on_uniform_mesh or (solved.lambda_H.min() > 0) == (name == "full contact")
+    assert discretise_on_mesh is discretise_on_uniform_mesh or (solved.lambda_H.min() > 0) == (
+        name == "full contact"
+    )
 
 
 def test_the_comparison_notices_another_load_and_a_cell_that_is_left_out():
@@ -158,10 +160,10 @@ def test_the_comparison_notices_another_load_and_a_cell_that_is_left_out():
 
 
 @on_both_meshes
-def test_f_is_enclosed_once(monkeypatch, discretise):
+def test_f_is_enclosed_once(monkeypatch, discretise_on_mesh):
     """The bound has the enclosure that the load is made of: with another one its patches are not balanced."""
     problem = load_problem("one's own")
-    discrete = discretise(problem)
+    discrete = discretise_on_mesh(problem)
     solved = discrete.solve(EXACTLY)
     source = discrete.data.source
     np.testing.assert_array_equal(load_vector(discrete.mesh, source.moments()), discrete.load)
@@ -175,9 +177,9 @@ def test_f_is_enclosed_once(monkeypatch, discretise):
 
 
 @on_both_meshes
-def test_the_norm_from_below_is_one_from_below_and_not_idle(discretise):
+def test_the_norm_from_below_is_one_from_below_and_not_idle(discretise_on_mesh):
     problem = load_problem("one's own")
-    discrete = discretise(problem)
+    discrete = discretise_on_mesh(problem)
     half = discretise(problem, discrete.mesh, discrete.partition).spaces.operator.D_factor
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, len(discrete.cells))
@@ -218,7 +220,7 @@ def discretise_on_small_square(problem):
 
 
 @pytest.mark.parametrize(
-    ("discretise", "length", "minimum"),
+    ("discretise_on_mesh", "length", "minimum"),
     [
         (discretise_on_small_square, 1e-5, 0.99),
         (discretise_on_small_square, 4.124626382901348e-07, 0.99),
@@ -227,12 +229,12 @@ def discretise_on_small_square(problem):
         (discretise_on_random_mesh, 1e-7, 0.99),
     ],
 )
-def test_the_norm_from_below_is_one_from_below_on_small_domains(discretise, length, minimum):
+def test_the_norm_from_below_is_one_from_below_on_small_domains(discretise_on_mesh, length, minimum):
     """lambda_H = 1: <lambda_H, v> / ||v||_1 is largest for a constant v, up to the square of the length.
 
     Control: by v . A v, in which the mass is lost, the number is another one.
     """
-    discrete = discretise(ul.Problem(length * UNIT_SQUARE, f="-1", g="0"))
+    discrete = discretise_on_mesh(ul.Problem(length * UNIT_SQUARE, f="-1", g="0"))
     values = np.ones(len(discrete.cells))
     exact = 4 * (1 + length**2)
     assert minimum * exact <= discrete.lambda_norm(values) <= exact
@@ -257,9 +259,9 @@ def test_the_default_stop_is_a_hundredth_of_the_error(name):
 
 
 @on_both_meshes
-def test_the_iteration_stops_where_it_is_told_and_goes_on(discretise):
+def test_the_iteration_stops_where_it_is_told_and_goes_on(discretise_on_mesh):
     """Steps are counted. Without a tolerance it stops at a hundredth of the error or of its bound."""
-    discrete = discretise(load_problem("one's own"))
+    discrete = discretise_on_mesh(load_problem("one's own"))
     crude = discrete.iterate(None, Stop(fraction=1))
     assert 0 < crude.result.bound <= crude.tolerance
     fine = discrete.improve(crude, 1e-8, Stop())
