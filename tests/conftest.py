@@ -105,10 +105,10 @@ def pytest_collection_finish():
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """What opens pages in a browser is nightly. Without the results that it judges a run ends at once."""
-    for item in items:
-        if "browser" in item.fixturenames:
-            item.add_marker("nightly")
-    if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
+    for test in items:
+        if "browser" in test.fixturenames:
+            test.add_marker("nightly")
+    if any(_needs_results(test.path.name) for test in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
 
@@ -224,10 +224,10 @@ def interior_point(operator, offset):
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     nb, m = operator.D_factor.shape
     rows = sp.csc_matrix(-operator.D_factor.T)
-    data = operator.H_i * offset
+    right_side = operator.H_i * offset
     quadratic = sp.identity(nb, format="csc")
     cone = [clarabel.NonnegativeConeT(m)]
-    solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
+    solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, right_side, cone, settings)
     return np.asarray(solver.solve().x)
 
 
@@ -272,9 +272,9 @@ def browser(tmp_path_factory):
 def forgotten(request):
     """What a file of tests has built for itself is not kept beside what the next ones build."""
     yield
-    for item in vars(request.module).values():
-        if hasattr(item, "cache_clear") and item.__module__.split(".")[0] not in OTHERS:
-            item.cache_clear()
+    for function in vars(request.module).values():
+        if hasattr(function, "cache_clear") and function.__module__.split(".")[0] not in OTHERS:
+            function.cache_clear()
     gc.collect()
     if hasattr(LIBC, "malloc_trim"):  # else glibc keeps what is free between what is not
         LIBC.malloc_trim(0)
@@ -315,8 +315,10 @@ def problem_file_of(tmp_path):
 
     def written(**fields):
         file = tmp_path / "own.yaml"
-        data = {"polygon": SQUARE, **fields}
-        file.write_text("".join(f"{name}: {text}\n" for name, text in data.items() if text is not None))
+        fields_of_file = {"polygon": SQUARE, **fields}
+        file.write_text(
+            "".join(f"{name}: {text}\n" for name, text in fields_of_file.items() if text is not None)
+        )
         return str(file)
 
     return written

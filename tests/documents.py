@@ -35,7 +35,7 @@ def blocks(page: str) -> list[Block]:
 
 
 def blocks_in(text: str, page: str = "") -> list[Block]:
-    blocks = (block(text, page, item) for item in BLOCK.finditer(text))
+    blocks = (block(text, page, match) for match in BLOCK.finditer(text))
     return [block for block in blocks if not block.kind.startswith("{")]
 
 

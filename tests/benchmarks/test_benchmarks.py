@@ -82,17 +82,17 @@ def test_the_cases_hold_with_as_many_contact_zones_as_they_say() -> None:
 
 
 def test_a_missing_solver_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = small(tmp_path)
-    assert plan.missing(data, "multigrid") == ""
-    data["solvers"]["multigrid"]["imports"] = ["no_such_module"]
-    reason = plan.missing(data, "multigrid")
+    run_plan = small(tmp_path)
+    assert plan.missing(run_plan, "multigrid") == ""
+    run_plan["solvers"]["multigrid"]["imports"] = ["no_such_module"]
+    reason = plan.missing(run_plan, "multigrid")
     assert reason == (
         f"multigrid is skipped: {sys.executable} does not have no_such_module; install it, or let "
         "UNILATERAL_BENCH_MULTIGRID name an interpreter that has it"
     )
-    assert {run.solver for run in runner.available(data, [])} == {"linear"}
+    assert {run.solver for run in runner.available(run_plan, [])} == {"linear"}
     monkeypatch.setenv("UNILATERAL_BENCH_LINEAR", "no_such_interpreter")
-    assert runner.available(data, []) == []
+    assert runner.available(run_plan, []) == []
 
 
 @pytest.mark.parametrize("size", ["255", "many"])
@@ -183,18 +183,18 @@ def started_modules(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path: Path, started_modules: list[str]) -> None:
-    data = small(tmp_path)
-    runs = plan.runs(data)
-    first = runner.Runner(data, tmp_path).all(runs)
+    run_plan = small(tmp_path)
+    runs = plan.runs(run_plan)
+    first = runner.Runner(run_plan, tmp_path).all(runs)
     assert len(first) == len(runs) == 4
     # Two runs to fill caches, four that count; of each solver one is judged.
     assert started_modules.count("benchmarks.ours") == 6
     assert started_modules.count("benchmarks.problem judge") == 2
     started_modules.clear()
-    assert runner.Runner(data, tmp_path).all(runs) == first
+    assert runner.Runner(run_plan, tmp_path).all(runs) == first
     assert started_modules == []
     (tmp_path / f"{runs[-1].name}.json").unlink()
-    runner.Runner(data, tmp_path).all(runs)
+    runner.Runner(run_plan, tmp_path).all(runs)
     assert started_modules.count("benchmarks.ours") == 1
 
 

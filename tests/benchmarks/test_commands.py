@@ -145,10 +145,10 @@ def test_the_typed_bound_is_that_of_the_data_given_to_others(
     not count, as where u is judged by one that is 1 farther away.
     """
     run = {"solvers": ["bound", "skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
-    data = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[run])
-    runner = ProcessRunner(data, tmp_path)
+    run_plan = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[run])
+    runner = ProcessRunner(run_plan, tmp_path)
     runner.paces = dict.fromkeys(("unilateral", "bound", "skfem"), 0.0)
-    runs = plan.commands(data)
+    runs = plan.commands(run_plan)
     ours, bound, skfem = commands.rows(runner.all(runs))
     assert ours["typed"] == f"unilateral solve {OWN} --h 1/16 --H 1/8"
     assert (ours["unknowns"], bound["unknowns"], skfem["unknowns"]) == (289, 289, 289)

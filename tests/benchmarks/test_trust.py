@@ -22,12 +22,12 @@ def test_formulas_are_the_polynomials() -> None:
     terms = [[0, 0, "-3/4"], [1, 2, "2"]]
     assert eval(trust.formula(terms), {"x": 2, "y": 3}) == 35.25  # type: ignore[arg-type]
     assert trust.formula([]) == "0"
-    data = {"v": [1], "problem": {"k": "1", "f": terms, "sides": [{"contact": []}, {"free": terms}]}}
-    computed = trust.replace_terms_by_formulas(data)
-    assert computed["problem"]["sides"] == [{"contact": "0"}, {"free": trust.formula(terms)}]
-    assert computed["problem"]["f"] == trust.formula(terms) + trust.WAVE
-    assert (computed["v"], computed["problem"]["k"]) == ([1], "1")
-    assert data["problem"]["f"] is terms
+    certificate = {"v": [1], "problem": {"k": "1", "f": terms, "sides": [{"contact": []}, {"free": terms}]}}
+    rewritten = trust.replace_terms_by_formulas(certificate)
+    assert rewritten["problem"]["sides"] == [{"contact": "0"}, {"free": trust.formula(terms)}]
+    assert rewritten["problem"]["f"] == trust.formula(terms) + trust.WAVE
+    assert (rewritten["v"], rewritten["problem"]["k"]) == ([1], "1")
+    assert certificate["problem"]["f"] is terms
 
 
 def test_a_process_is_measured_and_one_that_fails_stops_all() -> None:
@@ -62,9 +62,9 @@ def test_a_tiny_mesh_is_measured_and_proved(tmp_path: Path) -> None:
     """160 triangles, whose certificate both checkers prove; a spoilt one stops the benchmark."""
     path = tmp_path / "given.json.gz"
     formulas = tmp_path / "formulas.json.gz"
-    computed = trust.measure_parts(4, path, formulas)
-    assert computed["triangles"] == 160
-    assert all(computed[component]["seconds"] > 0 and computed[component]["mb"] > 0 for component in PARTS)
+    row = trust.measure_parts(4, path, formulas)
+    assert row["triangles"] == 160
+    assert all(row[component]["seconds"] > 0 and row[component]["mb"] > 0 for component in PARTS)
     spoilt = tmp_path / "spoilt.json"
     spoilt.write_text("{}")
     with pytest.raises(subprocess.CalledProcessError):

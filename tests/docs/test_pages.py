@@ -301,7 +301,7 @@ def test_a_notebook_that_fails_refuses_the_pages(small_sites):
 def list_documented_names():
     """The names that users are told of: the public ones, and a solution's attributes."""
     Solution = ul.Solution
-    members = [name for name, item in vars(Solution).items() if name[0] != "_" and inspect.getdoc(item)]
+    members = [name for name, member in vars(Solution).items() if name[0] != "_" and inspect.getdoc(member)]
     page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     table = page.partition("It has these attributes")[2].partition("\n\n`s.save`")[0]
     matches = re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)))

@@ -49,8 +49,12 @@ def test_the_first_command_prints_what_is_quoted(run):
     code, printed, _ = run(*FIRST.replace("examples", str(ROOT / "examples")).split()[1:])
     assert code == 0
     for line in (line for line in quoted.splitlines() if line != "..."):
-        (same,) = [item for item in printed.splitlines() if NUMBER.sub("#", item) == NUMBER.sub("#", line)]
-        numbers = [[float(number) for number in NUMBER.findall(item)] for item in (line, same)]
+        (same,) = [
+            text_line
+            for text_line in printed.splitlines()
+            if NUMBER.sub("#", text_line) == NUMBER.sub("#", line)
+        ]
+        numbers = [[float(number) for number in NUMBER.findall(text_line)] for text_line in (line, same)]
         assert numbers[0] == pytest.approx(numbers[1], rel=PRINTED)
 
 

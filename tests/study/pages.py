@@ -71,16 +71,16 @@ def table(figure):
 @contextmanager
 def record_figures():
     """The figures as they are written."""
-    computed = []
+    figures = []
     savefig = Figure.savefig
 
     def recording(figure, *arguments, **options):
         savefig(figure, *arguments, **options)
-        computed.append(figure)
+        figures.append(figure)
 
     Figure.savefig = recording
     try:
-        yield computed
+        yield figures
     finally:
         Figure.savefig = savefig
 
@@ -106,12 +106,12 @@ def faults(page):
     (width, height) = page.get_size_inches()
     box = page.get_tightbbox()
     texts = [text for text in page.findobj(Text) if text.get_visible() and text.get_text()]
-    computed = [f"small: {text.get_text()}" for text in texts if float(text.get_fontsize()) < 8]
+    sentences = [f"small: {text.get_text()}" for text in texts if float(text.get_fontsize()) < 8]
     if min(box.x0, box.y0) < 0 or box.x1 > width or box.y1 > height:
-        computed.append(f"beyond the page: {box}")
+        sentences.append(f"beyond the page: {box}")
     if abs(width - 17 / 2.54) > 1e-6:
-        computed.append(f"width: {width}")
-    return computed
+        sentences.append(f"width: {width}")
+    return sentences
 
 
 def list_texts(page):

@@ -105,18 +105,20 @@ def test_the_files_of_a_script_are_those_of_the_modules_that_it_imports(monkeypa
     lines = [line.strip() for file in (program, job) for line in Path(file).read_text().splitlines()]
     ours = ("from benchmarks", "from study.", "from unilateral")
     original = {line.split()[1] for line in lines if line.startswith(ours)} | {"study.tables"}
-    modules = original | {module for item in original for module in graph().find_upstream_modules(item)}
+    modules = original | {
+        module for module_name in original for module in graph().find_upstream_modules(module_name)
+    }
     modules |= {
         ".".join(module.split(".")[:k]) for module in modules for k in range(1, module.count(".") + 1)
     }
-    computed = {file for file in code.used_files(program) if file.suffix == ".py"}
-    assert computed == {Path(program), Path(job), *map(file_of, modules)}
+    used_files = {file for file in code.used_files(program) if file.suffix == ".py"}
+    assert used_files == {Path(program), Path(job), *map(file_of, modules)}
 
 
 def test_the_data_of_the_ledger_are_those_that_its_modules_name(monkeypatch):
     monkeypatch.chdir(ROOT)
-    computed = {file.name for file in code.used_files("workflow/scripts/claims.py") if file.suffix == ".yaml"}
-    assert {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"} <= computed
+    names = {file.name for file in code.used_files("workflow/scripts/claims.py") if file.suffix == ".yaml"}
+    assert {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"} <= names
 
 
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(monkeypatch):
@@ -129,21 +131,21 @@ def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(monkeypatch
 
 def find_undigested_lines(source):
     """The lines of a module on which it uses code, or a text for readers, in a way that no digest sees."""
-    computed = []
+    lines = []
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Import(names=names) if any(alias.name == "unilateral" for alias in names):
-                computed.append(node.lineno)  # whose names are imported when they are asked for
+                lines.append(node.lineno)  # whose names are imported when they are asked for
             case ast.ImportFrom(module="unilateral", names=names):
                 modules = {file.stem for file in (ROOT / "src/unilateral").iterdir()} | {"__version__"}
-                computed += [node.lineno for alias in names if alias.name not in modules]
+                lines += [node.lineno for alias in names if alias.name not in modules]
             case ast.ImportFrom(level=level) if level:
-                computed.append(node.lineno)
+                lines.append(node.lineno)
             case ast.Name(id="import_module" | "__import__" | "__doc__" | "getdoc"):
-                computed.append(node.lineno)
+                lines.append(node.lineno)
             case ast.Attribute(attr="import_module" | "__doc__" | "getdoc"):
-                computed.append(node.lineno)
-    return computed
+                lines.append(node.lineno)
+    return lines
 
 
 def test_scripts_use_nothing_that_their_digests_do_not_see(monkeypatch):

@@ -162,11 +162,11 @@ def test_a_bad_value_is_refused_where_it_stands(path, value):
 
     What is said in which words of further ones is in the next test.
     """
-    computed = fault(change_study(path, value))
-    field = re.match(rf"{SOURCE}(?:, field ([\w.\[\]]+))?: ", computed)[2] or ""
+    message = fault(change_study(path, value))
+    field = re.match(rf"{SOURCE}(?:, field ([\w.\[\]]+))?: ", message)[2] or ""
     assert str(path).startswith(field) or field.startswith((f"{path}[", f"{path}."))
-    assert "\n" not in computed
-    assert len(computed) < 400
+    assert "\n" not in message
+    assert len(message) < 400
 
 
 SAID = [
@@ -246,9 +246,9 @@ def patterns(rules) -> Iterator[dict]:
 
 def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
     """`$` would match before a newline."""
-    computed = list(patterns(RULES))
-    assert len(computed) > 8
-    for rules in computed:
+    pattern_rules = list(patterns(RULES))
+    assert len(pattern_rules) > 8
+    for rules in pattern_rules:
         assert re.fullmatch(r"\^[^$]*\\Z", rules["pattern"].replace("\\Z)", ")"))
         assert rules["description"]
 

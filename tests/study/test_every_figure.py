@@ -56,8 +56,8 @@ def test_what_is_beyond_the_page_or_too_small_is_seen(x, size, fault):
     figure = page("multiplier")[0]
     assert faults(figure) == []
     added = figure.text(x, 0.5, "added text", size=size)
-    (computed,) = faults(figure)
-    assert computed.startswith(fault)
+    (sentence,) = faults(figure)
+    assert sentence.startswith(fault)
     added.remove()
     assert faults(figure) == []
 
@@ -71,7 +71,7 @@ def test_another_table_gives_another_figure(figure):
 
 @pytest.mark.parametrize("figure", modules())
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
-    data = tmp_path / "missing.csv"
+    missing_table = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        modules()[figure].draw(data, tmp_path / "figure.svg")
+        modules()[figure].draw(missing_table, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -49,8 +49,8 @@ def test_a_changed_file_is_found_without_this_project(written, tmp_path):
     written({})
     assert run_sha256sum(tmp_path).returncode == 0
     (tmp_path / "results/claims.json").write_text("abd")
-    computed = run_sha256sum(tmp_path)
-    assert (computed.returncode, computed.stdout) == (1, "results/claims.json: FAILED\n")
+    process = run_sha256sum(tmp_path)
+    assert (process.returncode, process.stdout) == (1, "results/claims.json: FAILED\n")
 
 
 def test_two_runs_with_one_result_have_one_manifest(written, tmp_path):
@@ -69,12 +69,12 @@ def test_versions_are_those_of_what_the_study_needs():
     needed = [*project["dependencies"]]
     for extra in ("study", "all", "files", "mesh", "plot"):
         needed += extras[extra]
-    position = [item for item in needed if "sys_platform == " not in item]
-    names = {re.match(r"[\w.-]+", item)[0] for item in position}
+    position = [requirement for requirement in needed if "sys_platform == " not in requirement]
+    names = {re.match(r"[\w.-]+", requirement)[0] for requirement in position}
     assert manifest.package_versions().keys() == names | {"unilateral", "Python"}
     assert manifest.package_versions()["unilateral"] == project["version"]
 
 
 def test_the_stored_manifest_is_that_of_the_results():
-    computed = run_sha256sum(ROOT)
-    assert (computed.returncode, computed.stdout, computed.stderr) == (0, "", "")
+    process = run_sha256sum(ROOT)
+    assert (process.returncode, process.stdout, process.stderr) == (0, "", "")

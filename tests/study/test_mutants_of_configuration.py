@@ -97,9 +97,9 @@ def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
     rng = np.random.default_rng(7)
     accepted = []
     number = 0
-    computed = list(places(STUDY))
-    computed = [place for place in computed if "finds" not in place or rng.random() < 0.1]
-    for place in (computed[i] for i in rng.integers(len(computed), size=250)):
+    chosen_places = list(places(STUDY))
+    chosen_places = [place for place in chosen_places if "finds" not in place or rng.random() < 0.1]
+    for place in (chosen_places[i] for i in rng.integers(len(chosen_places), size=250)):
         sample = mutant(rng, place)
         if sample is None:
             continue

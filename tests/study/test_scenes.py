@@ -54,9 +54,9 @@ def test_no_flipped_bit_and_no_cut_changes_the_mesh(mesh_file: Path) -> None:
     for bit in rng.integers(8 * len(full_bytes), size=300):
         damaged = bytearray(full_bytes)
         damaged[bit // 8] ^= 1 << bit % 8
-        computed = read_with(mesh_file, bytes(damaged))
-        refused += computed is None
-        assert computed is None or same(computed, scenes.coarsest_mesh(SCENE))
+        damaged_mesh = read_with(mesh_file, bytes(damaged))
+        refused += damaged_mesh is None
+        assert damaged_mesh is None or same(damaged_mesh, scenes.coarsest_mesh(SCENE))
     assert refused > 200
     for length in rng.integers(len(full_bytes) - len("</VTKFile>"), size=50):
         assert read_with(mesh_file, full_bytes[:length]) is None
@@ -71,9 +71,9 @@ def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(mesh_file: P
     place = content.index(f"{inside:.15e}"[:8]) + 7
     damaged = bytearray(content.encode())
     damaged[place] ^= 1
-    computed = read_with(mesh_file, bytes(damaged))
-    assert computed is not None
-    assert not same(computed, right)
+    damaged_mesh = read_with(mesh_file, bytes(damaged))
+    assert damaged_mesh is not None
+    assert not same(damaged_mesh, right)
 
 
 @pytest.mark.parametrize(

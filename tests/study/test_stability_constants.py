@@ -61,8 +61,8 @@ def test_on_equal_cells_alternating_values_are_the_worst(delta):
     M = pairing_matrix(nodes, cells)
     assert_allclose(M.sum(axis=1), 1, rtol=1e-14)
     assert_allclose(M[0, [0, 1, -1]], [0.5 + delta - delta**2, (1 - delta) ** 2 / 2, delta**2 / 2])
-    computed = pairing_constant(np.append(nodes, 4.0), cells)
-    assert computed == pytest.approx(2 * delta * (1 - delta), rel=1e-12)
+    constant = pairing_constant(np.append(nodes, 4.0), cells)
+    assert constant == pytest.approx(2 * delta * (1 - delta), rel=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [1, 30, 1e6])
@@ -77,8 +77,8 @@ def test_the_bound_of_the_proof_holds_for_random_cells_and_nodes(ratio):
         delta = rng.uniform(0.01, 0.5)
         nodes = cells.points[:-1] + rng.uniform(delta, 1 - delta, 12) * cells.lengths
         delta = innermost_nodes(np.append(nodes, 4.0), cells)[1].min()
-        computed = pairing_constant(np.append(nodes, 4.0), cells)
-        assert computed >= pairing_constant_bound(delta) == pytest.approx(delta / 4, rel=1e-14)
+        constant = pairing_constant(np.append(nodes, 4.0), cells)
+        assert constant >= pairing_constant_bound(delta) == pytest.approx(delta / 4, rel=1e-14)
 
 
 def test_no_bound_holds_that_is_eight_times_as_large():
@@ -157,16 +157,16 @@ def runs(hm12, h1_error, beta=(0.5, 0.5)):
 
 def test_the_quotients_of_a_run_take_every_bound_on_its_unfavourable_side():
     """Every factor on its unfavourable side: the largest error over the smallest right side of (4.6)."""
-    computed = lemma_quotients(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
-    assert_allclose(computed["norm_ratio_lower"], 0.9 / 1.2)
-    assert_allclose(computed["norm_ratio_upper"], 0.9 / 1.0)
-    assert_allclose(computed["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
-    assert float(computed["lemma_4_3"]) > 1  # a run against the lemma would show
+    quotients = lemma_quotients(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
+    assert_allclose(quotients["norm_ratio_lower"], 0.9 / 1.2)
+    assert_allclose(quotients["norm_ratio_upper"], 0.9 / 1.0)
+    assert_allclose(quotients["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
+    assert float(quotients["lemma_4_3"]) > 1  # a run against the lemma would show
     assert float(lemma_quotients(runs((1.0, 1.2), 0.2, (0.1, 0.1)))["lemma_4_3"].squeeze()) < 1
 
 
 @pytest.mark.parametrize("table", [runs((1, 1.2), 0.2, (0, 0)), runs((0, 1e-13), 0.2)], ids=["beta", "error"])
 def test_without_a_beta_or_an_error_there_is_no_ratio(table):
-    computed = lemma_quotients(table)
+    quotients = lemma_quotients(table)
     for name in ("norm_ratio_lower", "norm_ratio_upper", "lemma_4_3"):
-        assert np.isnan(computed[name]).all()
+        assert np.isnan(quotients[name]).all()

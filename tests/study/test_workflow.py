@@ -95,12 +95,12 @@ def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planne
     """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
     (targets,) = [job["input"] for job in planned_jobs if job["rule"] == "all"]
     files, _ = plan("all")
-    computed = {
+    result_files = {
         file for file in files if file.startswith("results/") and file.endswith((".nc", ".json", ".vtu"))
     }
-    assert len(computed) > 50
-    assert computed <= set(targets)
-    assert {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads} <= computed
+    assert len(result_files) > 50
+    assert result_files <= set(targets)
+    assert {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads} <= result_files
 
 
 def field(path):

@@ -197,7 +197,7 @@ def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound(
     share = format_up(s.certificate()["h1_relative_bound"], ".3g")
     why = "the accuracy 0.001 is not certified: out of budget (max_unknowns=100)"
     text = f"{why}; reached is {share} of ||u||_1, or {bound}"
-    assert [str(item.message) for item in caught] == [text]
+    assert [str(warning.message) for warning in caught] == [text]
     assert caught[0].filename == __file__
     assert not s.certified
     with warnings.catch_warnings():
@@ -216,7 +216,7 @@ def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound(
 def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
     with pytest.warns(ul.SolutionWarning) as warnings:
         s = ul.solve(ul.case("natural"), **sizes)
-    texts = [str(item.message) for item in warnings if item.category is ul.SolutionWarning]
+    texts = [str(warning.message) for warning in warnings if warning.category is ul.SolutionWarning]
     assert texts == [f"lambda_H may not be unique, because beta is 0 up to rounding; {advice}"]
     assert not s.unique
     assert ul.solve(ul.case("natural"), h=0.5, H=1).unique
@@ -245,7 +245,9 @@ def test_an_iteration_that_did_not_converge_is_warned_of_once():
             warnings.simplefilter("always")
             s = ul.solve("natural", **expected, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
         assert not s.converged
-        assert [(item.category, item.filename) for item in report] == [(ul.SolutionWarning, __file__)]
+        assert [(warning.category, warning.filename) for warning in report] == [
+            (ul.SolutionWarning, __file__)
+        ]
         assert re.search(message, str(report[0].message))
     with warnings.catch_warnings(action="error"):
         assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm="uzawa")).converged
@@ -329,7 +331,7 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     with pytest.warns(ul.SolutionWarning) as caught:
         assert s.sharp_bounds is None
     text = "no guaranteed bound: it takes about 1 MB, and 1 MB are free"
-    assert [(str(item.message), item.filename) for item in caught] == [(text, __file__)]
+    assert [(str(warning.message), warning.filename) for warning in caught] == [(text, __file__)]
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0
         monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 0.0)
@@ -576,9 +578,9 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
     ],
 )
 def test_a_bad_problem_is_refused_in_one_sentence(fields, message):
-    data = {"polygon": SQUARE, "f": -1, "g": 0} | fields
+    all_fields = {"polygon": SQUARE, "f": -1, "g": 0} | fields
     with pytest.raises(ul.InputError, match=re.escape(message)):
-        ul.Problem(**data)
+        ul.Problem(**all_fields)
 
 
 @pytest.mark.parametrize("k", [1, 2])
@@ -588,8 +590,8 @@ def test_a_given_u_that_is_infinite_inside_a_side_is_named(k):
     def pole(x, y):
         return np.where(abs(x - 0.5) < 0.1, -np.inf, -1)
 
-    for field, data in (("u", {"g": -9, "u": {0: pole}}), ("g", {"g": [pole, -1, -1, -1]})):
-        problem = ul.Problem(SQUARE, -1, **data, k=k)
+    for field, fields in (("u", {"g": -9, "u": {0: pole}}), ("g", {"g": [pole, -1, -1, -1]})):
+        problem = ul.Problem(SQUARE, -1, **fields, k=k)
         with sentences.raises(ul.InputError, f"field {field}[0]"):
             ul.solve(problem, h=1 / 8, H=1 / 4)
 

@@ -130,12 +130,12 @@ def test_labels_and_masks_are_refused_wherever_they_are():
         n = int(draw.integers(1, 6))
         labels = draw.permutation(n) + int(draw.random() < 0.2)
         mask = draw.random(n) < 0.15
-        for data in (
+        for labelled in (
             pd.Series(draw.random(n), labels),
             xr.DataArray(draw.random(n), {"node": labels}, "node"),
         ):
             right = labels.tolist() == list(range(n))
-            outcomes.add((right, expect_refusal(data)))
+            outcomes.add((right, expect_refusal(labelled)))
         outcomes.add((not mask.any(), expect_refusal(np.ma.array(draw.random(n), mask=mask))))
         outcomes.add(
             (not mask.any(), expect_refusal([np.ma.array(draw.random(n), mask=mask), draw.random(n)]))
@@ -167,10 +167,10 @@ def test_missing_numbers_of_a_series_are_no_numbers():
 
 def test_values_at_nodes_are_no_integers():
     """A constant, too: np.full(n, 0) with 0.5 written into it is 0 everywhere."""
-    for data in (np.full(N, -1), np.zeros(N, np.uint8), pd.Series(np.arange(N)), [1, 2]):
-        np.testing.assert_array_equal(read_floats(data, "points"), np.asarray(data))
+    for values in (np.full(N, -1), np.zeros(N, np.uint8), pd.Series(np.arange(N)), [1, 2]):
+        np.testing.assert_array_equal(read_floats(values, "points"), np.asarray(values))
         with sentences.raises(ul.InputError):
-            read_nodal_values(data, "f")
+            read_nodal_values(values, "f")
     assert read_nodal_values(3, "f") == 3
 
 
@@ -180,9 +180,9 @@ def test_numbers_of_python_are_taken():
 
 def test_the_numbers_of_nodes_are_whole():
     np.testing.assert_array_equal(read_indices([[0.0, 2.0]], "triangles"), [[0, 2]])
-    for data in ([0.5], [np.nan], [np.inf], [1e300]):
+    for indices in ([0.5], [np.nan], [np.inf], [1e300]):
         with sentences.raises(ul.InputError):
-            read_indices(data, "triangles")
+            read_indices(indices, "triangles")
 
 
 def test_what_is_given_is_not_changed_afterwards():
@@ -250,9 +250,9 @@ def test_every_place_for_geometry_has_the_same_door(place, bad):
 
 @pytest.mark.parametrize("name", ["k", "c", "f", "g"])
 def test_a_number_may_be_masked_too(name):
-    data = {"f": -1, "g": 0} | {name: np.ma.masked}
+    fields = {"f": -1, "g": 0} | {name: np.ma.masked}
     with sentences.raises(ul.InputError, name):
-        ul.Problem([(0, 0), (1, 0), (0, 1)], **data)
+        ul.Problem([(0, 0), (1, 0), (0, 1)], **fields)
 
 
 def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers():

@@ -328,9 +328,9 @@ def test_files_have_the_shares(natural, other_solver, tmp_path):
     mesh, solver = other_solver
     certificate = ul.certify(natural, mesh, solver.constrained())
     certificate.save(tmp_path / "u.vtu")
-    data = meshio.read(tmp_path / "u.vtu").cell_data_dict["error_share"]
-    assert np.array_equal(data["triangle"], certificate.error_shares)
-    assert np.isnan(data["line"]).all()
+    stored_shares = meshio.read(tmp_path / "u.vtu").cell_data_dict["error_share"]
+    assert np.array_equal(stored_shares["triangle"], certificate.error_shares)
+    assert np.isnan(stored_shares["line"]).all()
 
 
 def mask_every_third(n):
@@ -378,9 +378,9 @@ def test_without_contact_the_problem_is_linear():
     """u = 1 is the solution: the bound is rounding. Control: u = 1.1, whose error is 0.1."""
     problem = ul.Problem(SQUARE, 1, free_sides=[0, 1, 2, 3])
     mesh = mesh_of(problem, 4)
-    for data in (None, np.zeros(len(mesh.side))):
-        assert ul.certify(problem, mesh, np.ones(mesh.n_nodes), data).bounds.u < 1e-9
-        assert 0.1 <= ul.certify(problem, mesh, np.full(mesh.n_nodes, 1.1), data).bounds.u < 0.1 + 1e-9
+    for multiplier in (None, np.zeros(len(mesh.side))):
+        assert ul.certify(problem, mesh, np.ones(mesh.n_nodes), multiplier).bounds.u < 1e-9
+        assert 0.1 <= ul.certify(problem, mesh, np.full(mesh.n_nodes, 1.1), multiplier).bounds.u < 0.1 + 1e-9
 
 
 def test_functions_are_certified_by_their_values_at_the_nodes(natural):

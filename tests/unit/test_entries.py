@@ -96,13 +96,13 @@ OF_SOLUTIONS = {
 
 def refusals(place):
     """What is said of each odd thing that is refused."""
-    computed = []
+    messages = []
     for odd in ODD:
         try:
             place(odd)
         except ul.InputError as error:
-            computed.append(str(error))
-    return computed
+            messages.append(str(error))
+    return messages
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -125,10 +125,10 @@ def test_odd_arguments_of_solutions_are_taken_or_refused_in_one_sentence(
 
 def test_clamped_sides_are_refused_by_a_solver_as_by_a_problem():
     makers = (lambda u: ul.Solver(MESH, H=0.5, c=0, u=u), lambda u: ul.Problem(MESH, -1, -1, c=0, u=u))
-    for data in ([1], {1}, 3, np.array([1])):
+    for sides in ([1], {1}, 3, np.array([1])):
         message = []
         for make in makers:
             with sentences.raises(ul.InputError) as error:
-                make(data)
+                make(sides)
             message.append(str(error.value))
         assert message[0] == message[1]

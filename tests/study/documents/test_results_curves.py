@@ -91,9 +91,9 @@ def test_every_choice_is_drawn_without_an_error(browser):
     """On a phone; also where nothing is judged, and where the error is 0, which is said and not drawn."""
     page = browser.open(RESULTS / "report/curves.html", (390, 844))
     calls = browser.driver.execute_script(EVERY)
-    cases = {item.split("/")[1] for item, *_ in calls}
+    cases = {choice.split("/")[1] for choice, *_ in calls}
     assert {*read_stored_table("square/rates")["case"].values.tolist(), "violates_jjj"} <= cases
-    assert len(calls) == 6 * len({item for item, *_ in calls}) > 100
+    assert len(calls) == 6 * len({choice for choice, *_ in calls}) > 100
     for case, norm, _, title, observed, lines in calls:
         assert title, case
         assert (lines == 0) == ("error 0, as exact" in observed), (case, norm)

@@ -93,9 +93,9 @@ def test_values_along_a_ratio_are_those_of_the_pairs_with_it():
     h = np.array([1 / 2, 1 / 4, 1 / 8])
     H = np.array([1, 5 / 8, 1 / 2])
     x = (("mesh", "partition"), np.arange(9.0).reshape(3, 3))
-    data = table(x=x, h_over_H=h[:, None] / H, H=H)
+    pair_table = table(x=x, h_over_H=h[:, None] / H, H=H)
     check = partial(shared.worst, table="t", value="x", quantity="", H_over_h=2, at_least=0)
-    assert check(data, rows="{H:g}").lines == ["  1: 0", "  0.5: 5"]
+    assert check(pair_table, rows="{H:g}").lines == ["  1: 0", "  0.5: 5"]
 
 
 def test_an_expression_without_a_bound_is_refused():

@@ -84,7 +84,7 @@ def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, c
         if file.name == "sections.yaml" and change == "in two sections":
             document["cost"].append("T.D")
         if file.parent.name == "sharpness" and change.startswith("declared"):
-            claim = next(item for item in document["claims"] if item["id"] == "T.D")
+            claim = next(entry for entry in document["claims"] if entry["id"] == "T.D")
             (document["claims"].append if change == "declared twice" else document["claims"].remove)(claim)
         return document
 
@@ -196,9 +196,9 @@ def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("It is <!--?S.edges-->not enough.<!--/-->\n")
     for spoil, retained in (({}, True), (EDGES, False)):
-        computed = [judge_claim("S.edges", **spoil).record()]
+        records = [judge_claim("S.edges", **spoil).record()]
         with nullcontext() if retained else sentences.raises(InputError):
-            marks.fill_document(page, {}, {}, verdicts.holds_by_claim(computed))
+            marks.fill_document(page, {}, {}, verdicts.holds_by_claim(records))
 
 
 RATES = config("rates")["rates"]
@@ -211,17 +211,17 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
     tolerances = {norm: declared["tolerance"] for norm, declared in RATES["norms"].items()}
     count = 0
     for claim in LEDGER.values():
-        data = {**claim.parameters, **claim.parameters.get("select", {})}
-        if "H_over_h" in data:
+        parameters = {**claim.parameters, **claim.parameters.get("select", {})}
+        if "H_over_h" in parameters:
             ratio = ratios.get(claim.section, 1 / parse_real(RATES["judged_ratio"], ""))
-            assert data["H_over_h"] == ratio, claim.id
-        for norm, tolerance in data.get("tolerances", {}).items():
+            assert parameters["H_over_h"] == ratio, claim.id
+        for norm, tolerance in parameters.get("tolerances", {}).items():
             assert tolerance == tolerances[norm], claim.id
-        if {"norm", "tolerance"} <= set(data):
-            assert data["tolerance"] == tolerances[data["norm"]], claim.id
-        if {"norm", "at_least"} <= set(data) and data["value"].startswith("(rate - predicted)"):
-            assert data["at_least"] == -tolerances[data["norm"]], claim.id
-        count += len({"H_over_h", "tolerance", "tolerances"} & set(data))
+        if {"norm", "tolerance"} <= set(parameters):
+            assert parameters["tolerance"] == tolerances[parameters["norm"]], claim.id
+        if {"norm", "at_least"} <= set(parameters) and parameters["value"].startswith("(rate - predicted)"):
+            assert parameters["at_least"] == -tolerances[parameters["norm"]], claim.id
+        count += len({"H_over_h", "tolerance", "tolerances"} & set(parameters))
     assert count > 20
 
 
@@ -239,7 +239,7 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
     declared = [case for scene in STUDY["adaptive"]["scenes"] for case in scene["cases"]]
     assert LEDGER["A.rate"].parameters["cases"] == declared
     assert LEDGER["A.index"].parameters["select"]["case"] == [
-        item for item in declared if not has_clamped_sides(item)
+        name for name in declared if not has_clamped_sides(name)
     ]
 
 
@@ -279,9 +279,9 @@ def test_bounds_become_exact_in_all_cases_of_proposition_s7():
 def failing(changed, judged):
     """Those of the claims that fail by the stored results with other tables for some."""
     return {
-        item.claim.id
-        for item in claims.judge_all(Results(RESULTS, results() | changed), judged)
-        if not item.holds
+        judgement.claim.id
+        for judgement in claims.judge_all(Results(RESULTS, results() | changed), judged)
+        if not judgement.holds
     }
 
 
@@ -348,9 +348,9 @@ def made_up(observed, required, at_least):
     ],
 )
 def test_margins_are_the_relative_distances_to_what_is_required(observed, required, at_least, margin):
-    computed = made_up(observed, required, at_least)
-    assert computed.evidence.margin == pytest.approx(margin)
-    assert computed.holds == (margin >= 0)
+    judgement = made_up(observed, required, at_least)
+    assert judgement.evidence.margin == pytest.approx(margin)
+    assert judgement.holds == (margin >= 0)
     assert made_up(np.nan, required, at_least).verdict == records.FAILS
 
 
@@ -365,10 +365,10 @@ def test_margins_are_the_relative_distances_to_what_is_required(observed, requir
     ],
 )
 def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, displayed):
-    computed = made_up(observed, required, True)
-    assert f"margin {displayed}\n" in listing.explain_claim(computed)
-    line = list(listing.list_claims([computed.record()]))[2]
-    assert re.search(rf"  {re.escape(displayed)} +{computed.verdict.replace('fails', 'FAILS')}$", line)
+    judgement = made_up(observed, required, True)
+    assert f"margin {displayed}\n" in listing.explain_claim(judgement)
+    line = list(listing.list_claims([judgement.record()]))[2]
+    assert re.search(rf"  {re.escape(displayed)} +{judgement.verdict.replace('fails', 'FAILS')}$", line)
 
 
 def test_one_claim_on_the_command_line(capsys):

@@ -71,14 +71,14 @@ def test_the_scenes_that_are_not_spoilt_are_not_looked_at():
 def test_shares_of_a_control_are_between_the_true_results_and_the_spoilt_ones():
     """What is not changed is kept to the last bit, NaN included."""
     table = xr.Dataset({"number": ("row", [0.1, np.nan, 4.0])})
-    computed = {}
+    values_by_share = {}
     for share in (0.25, 1.0):
         control = {"tables": ["t"], "variable": "number", "value": 8.0, "at": {"row": 2}}
-        computed[share] = controls.spoil_results(Results("", {"t": table}), control, share)["t"][
+        values_by_share[share] = controls.spoil_results(Results("", {"t": table}), control, share)["t"][
             "number"
         ].values
-    np.testing.assert_array_equal(computed[0.25], [0.1, np.nan, 5.0])
-    np.testing.assert_array_equal(computed[1.0], [0.1, np.nan, 8.0])
+    np.testing.assert_array_equal(values_by_share[0.25], [0.1, np.nan, 5.0])
+    np.testing.assert_array_equal(values_by_share[1.0], [0.1, np.nan, 8.0])
     assert table["number"].values[2] == 4.0
 
 

@@ -49,7 +49,9 @@ def read_printed_claims(capsys, *arguments):
 
 def test_json_has_what_is_stored_and_whether_it_holds(capsys):
     output = read_printed_claims(capsys)
-    assert [{name: item[name] for name in read_stored_claims()[0]} for item in output] == read_stored_claims()
+    assert [
+        {name: claim[name] for name in read_stored_claims()[0]} for claim in output
+    ] == read_stored_claims()
     for entry in output:
         if not claims.find_claim(entry["id"]).check:
             assert [entry[name] for name in ("holds", "observed", "control", "sees")] == 4 * [None]
@@ -65,10 +67,14 @@ def test_what_is_stored_is_what_is_judged_now(capsys):
     A seventh of the claims: to find what each sees takes time.
     """
     some = claims.load_ledger()[::7]
-    judged = [item.record() for item in claims.judge_all(results.open_finished_results(RESULTS), some)]
-    assert judged == [item for item in read_stored_claims() if item["id"] in {claim.id for claim in some}]
+    judged = [
+        judgement.record() for judgement in claims.judge_all(results.open_finished_results(RESULTS), some)
+    ]
+    assert judged == [
+        judgement for judgement in read_stored_claims() if judgement["id"] in {claim.id for claim in some}
+    ]
     assert len(judged) > 12
-    everything = {item["id"]: item for item in read_printed_claims(capsys)}
+    everything = {judgement["id"]: judgement for judgement in read_printed_claims(capsys)}
     assert read_printed_claims(capsys, "4.14") == [everything["4.14"]]
 
 

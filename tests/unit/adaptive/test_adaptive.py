@@ -162,14 +162,14 @@ def test_triangles_are_divided_as_their_shares_ask(remaining):
     """
     for seed in range(10):
         shares = 10.0 ** np.random.default_rng(seed).uniform(-3, 0, 5)
-        computed = divide_by_shares(shares, remaining)
-        assert computed.bound_ratio == pytest.approx(
-            np.sqrt((shares / 4.0**computed.halvings).sum() / shares.sum())
+        division = divide_by_shares(shares, remaining)
+        assert division.bound_ratio == pytest.approx(
+            np.sqrt((shares / 4.0**division.halvings).sum() / shares.sum())
         )
-        assert computed.bound_ratio <= remaining
-        assert computed.triangle_ratio == (4.0**computed.halvings).mean()
-        if computed.halvings.max() <= 2:
-            assert computed.triangle_ratio <= 1.5 * brute_force(shares, remaining)
+        assert division.bound_ratio <= remaining
+        assert division.triangle_ratio == (4.0**division.halvings).mean()
+        if division.halvings.max() <= 2:
+            assert division.triangle_ratio <= 1.5 * brute_force(shares, remaining)
     values = np.array([1, *np.full(99, 1e-9)])
     assert divide_by_shares(values, remaining).triangle_ratio < 0.5 * divide_uniformly(100).triangle_ratio
 
@@ -178,8 +178,8 @@ def test_a_limit_of_triangles_is_kept_and_spent():
     """What is left is the least then: with the next triangle halved there would be too many."""
     shares = 10.0 ** np.random.default_rng(1).uniform(-6, 0, 1000)
     for times in (1.5, 3.0, 8.0):
-        computed = divide_by_shares(shares, 0.0, times)
-        assert 0.9 * times < computed.triangle_ratio <= times
+        division = divide_by_shares(shares, 0.0, times)
+        assert 0.9 * times < division.triangle_ratio <= times
     assert divide_by_shares(shares, 0.0).triangle_ratio == 4.0**MAX_HALVINGS
 
 
@@ -260,9 +260,9 @@ def test_multipliers_stay_away_from_free_sides(problem_of):
 @pytest.mark.parametrize("free", [[], [0, 1, 2, 3]], ids=["contact", "free"])
 def test_a_tiny_c_without_a_clamped_side_is_no_obstacle(free):
     """On the first mesh rounding is above the iteration's tolerance, and far below the bound."""
-    data = {"q": ["0", "3", "0", "-1"], "free_sides": free} if free else {"g": "-x*y/2"}
+    side_data = {"q": ["0", "3", "0", "-1"], "free_sides": free} if free else {"g": "-x*y/2"}
     f = "1e-9*(x**2 + x) - 2" if free else "-1 + sin(5*x)"
-    result = search(Problem([(0, 0), (1, 0), (1, 1), (0, 1)], f, c=1e-9, **data), Goal(0.05))
+    result = search(Problem([(0, 0), (1, 0), (1, 1), (0, 1)], f, c=1e-9, **side_data), Goal(0.05))
     assert not result.levels[0].solved.result.converged
     assert result.certified
 
@@ -275,14 +275,14 @@ def test_units_of_k_and_of_lengths_change_nothing():
         y = f"(y/{L})"
         u = f"({x} + {x}*{y}/2 + sin(3*{x})*sinh(3*{y})/40)"
         vertices = [(0, 0), (L, 0), (L, L), (0.01 * L, L), (0, 0.99 * L)]
-        data = {"g": [None, u, u, None, None], "u": {0: x, 3: u, 4: u}}
-        return search(Problem(vertices, "0", k=k, c=0, **data), Goal(0.05))
+        side_data = {"g": [None, u, u, None, None], "u": {0: x, 3: u, 4: u}}
+        return search(Problem(vertices, "0", k=k, c=0, **side_data), Goal(0.05))
 
-    computed = search_scaled(1, 1.0)
+    result = search_scaled(1, 1.0)
     scaled = search_scaled(2**40, 2.0**-20)
-    assert computed.certified
+    assert result.certified
     assert scaled.certified
     assert all(level.solved.result.converged for level in scaled.levels)
-    assert [level.unknowns for level in computed.levels] == [level.unknowns for level in scaled.levels]
+    assert [level.unknowns for level in result.levels] == [level.unknowns for level in scaled.levels]
     # q.n is rounded, and so is what bounds enclose, in other units
-    assert scaled.best.total / 2**20 == pytest.approx(computed.best.total, rel=1e-6)
+    assert scaled.best.total / 2**20 == pytest.approx(result.best.total, rel=1e-6)

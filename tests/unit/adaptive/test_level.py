@@ -174,10 +174,10 @@ def test_of_two_levels_that_contradict_none_is_believed():
     levels = [level(), level(u_norm=1.1), level(u_norm=5.0, u=0.01)]
     assert select_consistent(levels) == []
     assert select_consistent(levels[:2]) == levels[:2]
-    computed = make_search(levels, "bounds contradict each other")
-    assert computed.believed == []
-    assert computed.best is levels[-1]
-    assert not computed.certified
+    search_result = make_search(levels, "bounds contradict each other")
+    assert search_result.believed == []
+    assert search_result.best is levels[-1]
+    assert not search_result.certified
     assert levels[-1].certified
 
 
@@ -281,6 +281,6 @@ def test_each_limit_allows_its_own_unknowns(monkeypatch):
     """Half of what memory and time allow, and all of the unknowns."""
     monkeypatch.setattr(forecast, "available_mb", lambda: 100.0)
     goal = Goal(0.1, max_unknowns=500, max_seconds=103.5)
-    computed = list(allowed_unknowns(make_measured_levels(goal), 0.5).values())
+    allowed = list(allowed_unknowns(make_measured_levels(goal), 0.5).values())
     in_memory = 0.8 * 100 * 2**20 / bytes_per_unknown(goal)
-    assert computed == pytest.approx([500, 0.5 * in_memory, 0.5 * (5 / 1e-3 - OVERHEAD_UNKNOWNS)])
+    assert allowed == pytest.approx([500, 0.5 * in_memory, 0.5 * (5 / 1e-3 - OVERHEAD_UNKNOWNS)])

@@ -111,8 +111,8 @@ def test_limits_that_do_not_allow_a_plan_are_named(natural_levels):
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         limits = [share * value for value in (free.unknowns, free.peak_mb)]
         goal = Goal(0.001, max_unknowns=limits[0], max_seconds=share * free.seconds, max_memory=limits[1])
-        computed = make_plan(towards(goal, natural_levels)).missed
-        assert [limit.split("=")[0] for limit in computed] == missed
+        missed_limits = make_plan(towards(goal, natural_levels)).missed
+        assert [limit.split("=")[0] for limit in missed_limits] == missed
 
 
 @pytest.mark.usefixtures("soon")

@@ -42,8 +42,10 @@ def make_adversarial_problem(family, number):
 def try_family(family, number):
     """A problem with the solutions of a search's levels."""
     known_case = make_adversarial_problem(family, number)
-    computed = [level.solved for level in search(known_case.problem, Goal(0.02, max_unknowns=MOST)).levels]
-    return Tried(known_case, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in computed])
+    solved_levels = [
+        level.solved for level in search(known_case.problem, Goal(0.02, max_unknowns=MOST)).levels
+    ]
+    return Tried(known_case, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in solved_levels])
 
 
 def exact(number):

@@ -201,11 +201,14 @@ class OfCatalogue:
     @cached_property
     def trials(self):
         """With noise of a size in u_h its error is no less than that size less the error without."""
-        trials = [Trial(item.given, item.h1_error, item.lower - ROUNDING) for item in self.pairs]
+        trials = [
+            Trial(known_pair.given, known_pair.h1_error, known_pair.lower - ROUNDING)
+            for known_pair in self.pairs
+        ]
         pair = self.pairs[-1]
         for size in NOISE if self.noisy else ():
-            data = pair.with_noise(size, np.random.default_rng(3)).given
-            trials.append(Trial(data, max(size - pair.h1_error, 0), pair.lower - ROUNDING))
+            spoilt_arguments = pair.with_noise(size, np.random.default_rng(3)).given
+            trials.append(Trial(spoilt_arguments, max(size - pair.h1_error, 0), pair.lower - ROUNDING))
         return trials
 
     @cached_property
@@ -215,11 +218,20 @@ class OfCatalogue:
         Where lambda is not smooth it is not integrated up to rounding.
         """
         pressed = []
-        for item in self.pairs if self.smooth else ():
-            sides = range(item.mesh.polygon.n_sides)
-            exact = [(force - 1e-12, force + 1e-12) for force in exact_forces(item.case, item.cells)]
+        for known_pair in self.pairs if self.smooth else ():
+            sides = range(known_pair.mesh.polygon.n_sides)
+            exact = [
+                (force - 1e-12, force + 1e-12) for force in exact_forces(known_pair.case, known_pair.cells)
+            ]
             components = [[*sides], *([side] for side in sides)]
             pressed.append(
-                Pressed(item.mesh, item.cells, item.lambda_H, item.upper + 1e-12, components, exact)
+                Pressed(
+                    known_pair.mesh,
+                    known_pair.cells,
+                    known_pair.lambda_H,
+                    known_pair.upper + 1e-12,
+                    components,
+                    exact,
+                )
             )
         return pressed

@@ -65,14 +65,14 @@ def _squares(mesh, functions, corners, parent, value, k, c):
     u, u_x, u_y = value(x, y)
     edges = nodes[:, 1:] - nodes[:, :1]
     areas = 0.5 * np.abs(np.linalg.det(edges)) * np.abs(np.linalg.det(corners))
-    computed = []
+    square_norms = []
     for v_h in functions:
         nodal = v_h[mesh.triangles[parent]]
         slope = np.linalg.solve(edges, (nodal[:, 1:] - nodal[:, :1])[..., None])[..., 0]
         remaining = c * (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
         remaining += k * ((u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2)
-        computed.append(areas @ (remaining @ (2 * weights)))
-    return np.array(computed)
+        square_norms.append(areas @ (remaining @ (2 * weights)))
+    return np.array(square_norms)
 
 
 def fluxes(u, vertices):

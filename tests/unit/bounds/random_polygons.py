@@ -54,10 +54,10 @@ def wedge(rng):
 def columns(rng):
     """Up to four columns of unit squares side by side, as they are, turned or slanted."""
     heights = rng.integers(1, 4, rng.integers(1, 5)).tolist()
-    computed = [(0, 0), (len(heights), 0)]
+    corners = [(0, 0), (len(heights), 0)]
     for i in range(len(heights) - 1, -1, -1):
-        computed += [(i + 1, heights[i]), (i, heights[i])]
-    vertices = np.array([p for i, p in enumerate(computed) if p != computed[i - 1]], dtype=float)
+        corners += [(i + 1, heights[i]), (i, heights[i])]
+    vertices = np.array([p for i, p in enumerate(corners) if p != corners[i - 1]], dtype=float)
     turned = np.array([[3, 4], [-4, 3]]) / 8
     slanted = np.array([[1, 0], [rng.integers(1, 9) / 8, 1]])
     return vertices @ [np.eye(2), np.eye(2), turned, slanted][rng.integers(4)]

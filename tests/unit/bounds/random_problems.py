@@ -126,7 +126,7 @@ def make_random_problem(number):
     place = {X: (X - a[0] * S) / S, Y: (Y - a[1] * S) / S}
     u = sum(component.u for component in components)
     f = plain(A * (u - laplacian(u) / S**2).xreplace(place))
-    g = tuple(plain((A * (u - item)).xreplace(place)) for item in gap)
+    g = tuple(plain((A * (u - gap_on_side)).xreplace(place)) for gap_on_side in gap)
     features = [feature for component in components for feature in component.features]
     shifted_features = tuple(
         Feature((S * level).xreplace(place), float(S * width)) for level, width in features
@@ -385,10 +385,10 @@ def draw_contact_zones(rng):
     zones = [_zones(rng, vertices, side, polygon.angles) if side in loaded else [] for side in range(n)]
     heights = [dyadic(10.0 ** rng.uniform(-2, 0.5)) for _ in range(n)]
     for side in range(n):
-        for item in zones[side]:
-            if item.start == 0:
+        for zone in zones[side]:
+            if zone.start == 0:
                 heights[side] = sympy.S.Zero
-            if item.end == 1:
+            if zone.end == 1:
                 heights[(side + 1) % n] = sympy.S.Zero
     gap = [_gap(rng, _frame(vertices, i)[0], zones[i], heights[i], heights[(i + 1) % n]) for i in range(n)]
     free = [i for i in range(n) if not zones[i] and rng.random() < 0.3]

@@ -108,11 +108,11 @@ def test_what_is_left_is_bounded(q, kind):
     }[kind]()
     fine = meshes.refine_uniformly(mesh, 3 if kind != "coarsest" else 5)
     flux = flux_of(q)
-    computed = project_given_flux(flux, mesh)
-    min_supremum = supremum(mesh, computed, fine, project_given_flux(flux, fine))
-    assert min_supremum <= distance(mesh, computed)
-    assert kind == "coarsest" or distance(mesh, computed) <= 6 * min_supremum
-    assert distance(mesh, computed._replace(oscillation=0 * computed.oscillation)) < min_supremum
+    given_flux = project_given_flux(flux, mesh)
+    min_supremum = supremum(mesh, given_flux, fine, project_given_flux(flux, fine))
+    assert min_supremum <= distance(mesh, given_flux)
+    assert kind == "coarsest" or distance(mesh, given_flux) <= 6 * min_supremum
+    assert distance(mesh, given_flux._replace(oscillation=0 * given_flux.oscillation)) < min_supremum
 
 
 def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
@@ -301,10 +301,10 @@ def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_mome
     mesh = make_structured_mesh(square(), 1 / 8)
     flux = flux_of("5")
     flux = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps, reach=0.01 / 8)
-    computed = project_given_flux(flux, mesh)
-    assert np.all(computed.remainder_norms[:8] >= 0.05 * np.sqrt(1 / 8))
-    assert np.all(computed.remainder_integrals[:8] >= 0.05 / 8)
-    assert not computed.remainder_norms[8:].any()
+    given_flux = project_given_flux(flux, mesh)
+    assert np.all(given_flux.remainder_norms[:8] >= 0.05 * np.sqrt(1 / 8))
+    assert np.all(given_flux.remainder_integrals[:8] >= 0.05 / 8)
+    assert not given_flux.remainder_norms[8:].any()
 
 
 def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():

@@ -65,7 +65,7 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
     assert indices[-1] <= 1.3
     if bound is sharp_bound:
         assert indices[0] <= 1.3
-        assert all(known_pair.lambda_ <= 2.5 * item.upper for known_pair, item in bounds_and_pairs)
+        assert all(bounds.lambda_ <= 2.5 * known_pair.upper for bounds, known_pair in bounds_and_pairs)
 
 
 TEN_DEGREES = np.radians(10)
@@ -98,9 +98,9 @@ def test_the_bound_holds_where_cells_end_inside_edges(name, shift):
     assert np.all(flux > 0)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
-    data = given_to(problem, mesh, cells, u_h, lambda_H)
-    local = local_bound(*data)
-    sharp = sharp_bound(*data)
+    arguments = given_to(problem, mesh, cells, u_h, lambda_H)
+    local = local_bound(*arguments)
+    sharp = sharp_bound(*arguments)
     error = problem.error(mesh, u_h)
     true = build_dual_norm(cells, [problem]).bound_error(problem, lambda_H[None])
     assert sharp.lift_norm > 0
@@ -139,11 +139,11 @@ def test_the_bound_holds_and_is_sharp_with_free_sides_alone(bound, n):
     cells = partitions.make_uniform_partition(square(), 2 / n)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
-    computed = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
+    bounds = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
     error = problem.error(mesh, u_h)
-    assert error <= computed.u <= 1.3 * error
-    assert computed.lambda_ == 0
-    assert computed.lift_norm < 1e-140  # what squares that underflow may hide
+    assert error <= bounds.u <= 1.3 * error
+    assert bounds.lambda_ == 0
+    assert bounds.lift_norm < 1e-140  # what squares that underflow may hide
 
 
 @BOUNDS
@@ -165,13 +165,13 @@ def test_what_is_free_of_means_on_triangles_counts(bound, monkeypatch):
     cells = partitions.make_uniform_partition(square(), 1 / 2)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
-    data = given_to(problem, mesh, cells, u_h, zero)
+    arguments = given_to(problem, mesh, cells, u_h, zero)
     error = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)])
     original = ResidualParts.dual_norms
-    assert error <= bound(*data).u
+    assert error <= bound(*arguments).u
     without = {"oscillation": np.zeros(len(mesh.triangles))}
     monkeypatch.setattr(ResidualParts, "dual_norms", lambda self: original(self._replace(**without)))
-    assert bound(*data).u < error
+    assert bound(*arguments).u < error
 
 
 @pytest.mark.parametrize("size", NOISE)
@@ -253,7 +253,7 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
     D is small here against eta, so that nothing is taken off again.
     """
     bounds = add_shortfall(bound, monkeypatch, "edge_complementarity", 0.5 / 16)
-    assert all(item.lift_norm < 0.2 for item in bounds)
+    assert all(bound_with_slack.lift_norm < 0.2 for bound_with_slack in bounds)
     before, after = bounds
     assert after.u**2 - before.u**2 == pytest.approx(1, rel=1e-6)
 

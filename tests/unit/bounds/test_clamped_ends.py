@@ -62,28 +62,28 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
 
 def test_the_part_after_a_clamped_side_has_its_least_gap():
     """Up to where the gap is below half of 2.5: three edges, on which it is 2 at least."""
-    computed = ends(clamped=3)
-    assert computed.gap_length == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
-    assert computed.gamma == pytest.approx([2.0, 1, 1, 1])
-    assert computed.gamma_force_bound == 7.0
+    clamped_ends = ends(clamped=3)
+    assert clamped_ends.gap_length == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
+    assert clamped_ends.gamma == pytest.approx([2.0, 1, 1, 1])
+    assert clamped_ends.gamma_force_bound == 7.0
 
 
 def test_the_part_before_a_clamped_side_runs_backwards():
     """From the other end of side 0, with its longest edge first; gaps are 2.5, 2, 2, 1.2 from there."""
-    computed = ends(clamped=1, u_on_side_0=U_H[::-1])
-    assert computed.gap_length == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
-    assert computed.gamma == pytest.approx([1, 2.0, 1, 1])
+    clamped_ends = ends(clamped=1, u_on_side_0=U_H[::-1])
+    assert clamped_ends.gap_length == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
+    assert clamped_ends.gamma == pytest.approx([1, 2.0, 1, 1])
 
 
 def test_where_all_of_a_side_is_wide_all_of_it_counts():
-    computed = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
-    assert (computed.gap_length[0], computed.gamma[0]) == pytest.approx((1.0, 2.0))
+    clamped_ends = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
+    assert (clamped_ends.gap_length[0], clamped_ends.gamma[0]) == pytest.approx((1.0, 2.0))
 
 
 @pytest.mark.parametrize("u_at_vertex", [0.0, -1.0])
 def test_without_a_gap_at_the_vertex_nothing_is_known(u_at_vertex):
-    computed = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
-    assert not computed.gap_length.any()
+    clamped_ends = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
+    assert not clamped_ends.gap_length.any()
 
 
 def test_beside_free_sides_nothing_is_known():
@@ -104,15 +104,15 @@ def test_the_doubt_on_an_edge_and_those_beside_it_lowers_v(edge):
     at least.
     """
     assert LOWERING_PER_REMAINDER >= 2
-    computed = ends(clamped=3, doubts=[(edge, 0.01)])
-    assert computed.gamma[0] == pytest.approx(2.0 - LOWERING_PER_REMAINDER * 0.01)
+    clamped_ends = ends(clamped=3, doubts=[(edge, 0.01)])
+    assert clamped_ends.gamma[0] == pytest.approx(2.0 - LOWERING_PER_REMAINDER * 0.01)
 
 
 def test_the_doubt_of_the_clamped_side_lowers_v_at_the_vertex():
     """u_D is known up to 0.4 on the last edge of side 3, so v may be lower by that at vertex 0, and not g."""
-    computed = ends(clamped=3, doubts=[(15, 0.4)])
-    assert computed.gamma[0] <= 2.5 - 0.4
-    assert computed.gamma[0] == pytest.approx(2.5 - LOWERING_PER_REMAINDER * 0.4)
+    clamped_ends = ends(clamped=3, doubts=[(15, 0.4)])
+    assert clamped_ends.gamma[0] <= 2.5 - 0.4
+    assert clamped_ends.gamma[0] == pytest.approx(2.5 - LOWERING_PER_REMAINDER * 0.4)
     assert not ends(clamped=3, doubts=[(15, 0.7)]).gap_length.any()
 
 
@@ -190,8 +190,8 @@ def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
     mesh = make_structured_mesh(square(), 1 / 2)
     q = np.zeros((2, len(mesh.triangulation.ends)))
     q[0, mesh.triangulation.boundary_edges] = np.arange(8.0) * [1, 1, 1, 1, 1, 1, 1, -1]
-    computed = outflows(mesh, Form(c=0.0, clamped=(3,)), q)
-    assert computed.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
+    flux_through_sides = outflows(mesh, Form(c=0.0, clamped=(3,)), q)
+    assert flux_through_sides.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
 
 
 # gamma <lambda, w> <= B + S^2 / 4, where S has all parts of the residual of v, each made large

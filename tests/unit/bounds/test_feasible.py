@@ -40,27 +40,27 @@ def make_constraint(text, n=4):
 def test_g_is_within_the_doubt_of_p(text, maximum, monkeypatch):
     """In the points of the rule, against numpy. With 8 pieces the doubt is of the size of what p misses."""
     monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", maximum)
-    computed = make_constraint(text)
+    constraint = make_constraint(text)
     s = (
-        computed.mesh.s[computed.edge][:, None]
-        + computed.x * np.diff(computed.mesh.s)[computed.edge][:, None]
+        constraint.mesh.s[constraint.edge][:, None]
+        + constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None]
     )
-    side = np.broadcast_to(computed.mesh.side[computed.edge][:, None], s.shape).ravel()
-    points = computed.mesh.polygon.at(side, s.ravel() - computed.mesh.polygon.starts[side])
+    side = np.broadcast_to(constraint.mesh.side[constraint.edge][:, None], s.shape).ravel()
+    points = constraint.mesh.polygon.at(side, s.ravel() - constraint.mesh.polygon.starts[side])
     g = WAVES[text](*points.T).reshape(s.shape)
-    away = np.abs(g - computed.p).max(axis=1)
-    assert np.all(away <= computed.remainder + 1e-15 * np.abs(g).max())
-    assert np.all(g.max(axis=1) <= computed.g_upper + 1e-15 * np.abs(g).max())
+    away = np.abs(g - constraint.p).max(axis=1)
+    assert np.all(away <= constraint.remainder + 1e-15 * np.abs(g).max())
+    assert np.all(g.max(axis=1) <= constraint.g_upper + 1e-15 * np.abs(g).max())
     if maximum == 8 and "40" in text:
         assert np.any(away > 0.5)
     if maximum > 8:
-        assert computed.remainder.max() <= 1e-9 * np.abs(g).max()
+        assert constraint.remainder.max() <= 1e-9 * np.abs(g).max()
 
 
 def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
-    computed = make_constraint("0")
-    g = replace(computed, remainder=np.full_like(computed.remainder, 1e-3))
+    constraint = make_constraint("0")
+    g = replace(constraint, remainder=np.full_like(constraint.remainder, 1e-3))
     nb = len(g.mesh.boundary)
     every = np.ones(nb, dtype=bool)
     v = np.zeros(2 * nb)
@@ -219,7 +219,7 @@ def test_the_rounding_of_v_is_allowed_for():
     v = np.maximum(steep, g.p_at_unknowns)
     flux = np.ones((8, 2))
     pair = v, np.maximum(0, g.p_at_unknowns)
-    doubt = [feasible.bound_shortfall(g, H1, item, every, flux).nodal_raise.max() for item in pair]
+    doubt = [feasible.bound_shortfall(g, H1, values, every, flux).nodal_raise.max() for values in pair]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]
 
 

@@ -148,24 +148,24 @@ def test_the_parts_of_a_function_of_P2_are_those_of_its_coefficients(form, monke
     tau = no_given_flux(mesh)
     before = residual_parts(source, tau, u_h, q, form)
     hats, bubbles = layer.function(nodal, edges)
-    computed = copy_components(before)
-    add_lift_to_residual(computed, source, tau, u_h, q, layer, hats, bubbles)
+    components = copy_components(before)
+    add_lift_to_residual(components, source, tau, u_h, q, layer, hats, bubbles)
     v = spaces.embed_linear(u_h)
     v[spaces.boundary_unknowns] += np.concatenate([nodal, edges])
     hat_coefficients, bubble_coefficients = spaces.coefficients(v)
     field = misfit(mesh, np.zeros(4), q, slice(None)) + form.k * spaces.gradient(v)
-    assert computed.misfit == pytest.approx(np.sqrt(linear_square_norms(mesh.areas, field)))
+    assert components.misfit == pytest.approx(np.sqrt(linear_square_norms(mesh.areas, field)))
     divergence = -0.5 * np.sum(triangle_inflows(mesh, q, slice(None)), axis=(0, 1)) / mesh.areas
     rho = f_h - form.c * hat_coefficients + divergence[:, None]
     mean = (rho.sum(axis=1) - form.c * bubble_coefficients.sum(axis=1)) / 3
-    assert computed.mean == pytest.approx(np.sqrt(mesh.areas) * np.abs(mean))
+    assert components.mean == pytest.approx(np.sqrt(mesh.areas) * np.abs(mean))
     norm = np.sqrt(quadratic_square_norms(mesh.areas, rho - mean[:, None], -form.c * bubble_coefficients))
-    assert computed.oscillation == pytest.approx(norm + source.oscillation + source.jumps)
+    assert components.oscillation == pytest.approx(norm + source.oscillation + source.jumps)
     # what f_h leaves is orthogonal to linear functions
     linear = f_h - form.c * u_h[mesh.triangles]
     squares_of_u = linear_square_norms(mesh.areas, linear - linear.mean(axis=1, keepdims=True))
     assert before.oscillation == pytest.approx(np.sqrt(squares_of_u + source.oscillation**2) + source.jumps)
-    assert not np.allclose(computed.misfit, before.misfit)
+    assert not np.allclose(components.misfit, before.misfit)
 
 
 def test_parts_of_other_triangles_stay():
@@ -233,17 +233,17 @@ def test_on_the_exact_mesh_flows_are_larger_by_the_stretch(length, monkeypatch):
     q, source = constant_flux(mesh)
     without = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, H1)
     monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 1e-3, 0, 0])))
-    computed = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, H1)
+    components = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, H1)
     flow = 1e-3 * length
     area = length**2 / 2
     d = math.sqrt(2) * length
     (right,) = mesh.boundary_triangles[mesh.side == 1]
-    extra = computed.remainder - without.remainder
+    extra = components.remainder - without.remainder
     assert (1 - 1e-9) * flow / area <= extra[right] / math.sqrt(area) <= 2 * flow / area
-    more_field = computed.misfit - without.misfit
+    more_field = components.misfit - without.misfit
     assert (1 - 1e-9) * flow * d / (2 * area) <= more_field[right] / math.sqrt(area) <= 2 * flow * d / area
-    for item in (extra, more_field):
-        assert item.sum() == pytest.approx(item[right], rel=1e-9)
+    for extra_remainder in (extra, more_field):
+        assert extra_remainder.sum() == pytest.approx(extra_remainder[right], rel=1e-9)
 
 
 def test_on_the_exact_mesh_fields_are_larger_at_edges():

@@ -42,14 +42,14 @@ KITE = np.array([[0, 0], [1, 0], [1, 0.7], [0, 1.3]])
 @pytest.fixture
 def traces(monkeypatch):
     """The meshes of w, and its values at the boundary nodes: of -w below the force, then of w above."""
-    computed = []
+    meshes_and_traces = []
 
     def record_extension(space, v):
-        computed.append((space.mesh, v))
+        meshes_and_traces.append((space.mesh, v))
         return extend_with_least_norm(space, v)
 
     monkeypatch.setattr(of_forces, "extend_with_least_norm", record_extension)
-    return computed
+    return meshes_and_traces
 
 
 @pytest.mark.parametrize("steps", [1, 2, least_norm.MAX_SET_UPDATES])
@@ -113,7 +113,7 @@ def test_the_interval_is_the_best_on_its_mesh(traces):
         (1.0 * on_side, np.ones(len(b)), force.upper),
         (np.where(off_side, 0.0, -1.0), -1.0 * ~off_side, -force.lower),
     ):
-        computed = scipy.optimize.minimize(
+        minimum = scipy.optimize.minimize(
             lambda v: pairing @ v + E * np.sqrt(v @ S @ v),
             start,
             jac=lambda v: pairing + E * S @ v / np.sqrt(v @ S @ v),
@@ -121,8 +121,8 @@ def test_the_interval_is_the_best_on_its_mesh(traces):
             method="SLSQP",
             options={"maxiter": 500, "ftol": 1e-12},
         )
-        assert computed.success
-        assert end == pytest.approx(computed.fun, rel=1e-6)
+        assert minimum.success
+        assert end == pytest.approx(minimum.fun, rel=1e-6)
 
 
 def test_the_extension_has_the_least_norm():
@@ -134,9 +134,9 @@ def test_the_extension_has_the_least_norm():
     w = np.zeros(mesh.n_nodes)
     w[mesh.boundary] = trace
     w[inside] = np.linalg.solve(A[np.ix_(inside, inside)], -(A @ w)[inside])
-    computed = extend_with_least_norm(condense(mesh), trace[:, None])[:, 0]
-    assert np.array_equal(computed[mesh.boundary], trace)
-    assert computed == pytest.approx(w, abs=1e-12)
+    extension = extend_with_least_norm(condense(mesh), trace[:, None])[:, 0]
+    assert np.array_equal(extension[mesh.boundary], trace)
+    assert extension == pytest.approx(w, abs=1e-12)
 
 
 @pytest.mark.parametrize("a", [1e-9, 1e-5])
@@ -315,9 +315,9 @@ def test_many_sides_leave_the_force_mesh_small():
     cells = partitions.make_uniform_partition(polygon, 1.0)
     mesh = meshes.triangulate_from_boundary(polygon, partitions.divide_cells(cells, 2).points[:-1], 0.2)
     assert mesh.n_nodes > force_mesh.MAX_FIRST_NODES
-    computed = grade_force_mesh(mesh, cells, np.full(400, 1e9), 1.0)
-    assert len(computed.boundary) <= MAX_BOUNDARY_NODES
-    assert computed.n_nodes < mesh.n_nodes
+    graded_mesh = grade_force_mesh(mesh, cells, np.full(400, 1e9), 1.0)
+    assert len(graded_mesh.boundary) <= MAX_BOUNDARY_NODES
+    assert graded_mesh.n_nodes < mesh.n_nodes
 
 
 @pytest.mark.parametrize("place", [1e6, 1e9, 2.0**30])
@@ -509,7 +509,7 @@ def test_nodal_lower_bounds_of_w_are_those_by_hand(component, above, below):
     lower_bounds = of_forces._nodal_lower_bounds(
         make_structured_mesh(square(), 1 / 2), np.array(component), clamps
     )
-    assert [item.tolist() for item in lower_bounds] == [above, below]
+    assert [bound.tolist() for bound in lower_bounds] == [above, below]
 
 
 def pressed_on_one_side(k, c):
@@ -575,18 +575,18 @@ def test_the_pairing_is_rounded_and_so_are_places_on_short_edges(boundary):
     """w = 1 at node 0, -1 at node 1: a place that moves by eps 4 on edge 0 changes w by 2 eps 4 / 1e-12."""
     w = np.zeros((16, 1))
     w[:2, 0] = 1.0, -1.0
-    (computed,) = boundary._bound_on_exact_mesh(w)
+    (bound,) = boundary._bound_on_exact_mesh(w)
     places = np.finfo(float).eps * 4 * (2 * (1 + 2) / 1e-12 + 2 / 0.25)
     # On edge 15, from 3.75 on, w rises by 1, with a load of 1; on edge 1 it rises by 1 with a load of 2.
-    assert computed - (1.0 - 2.0) == pytest.approx(places + SQUARES_ROUNDING * (1 + 2), rel=1e-2)
+    assert bound - (1.0 - 2.0) == pytest.approx(places + SQUARES_ROUNDING * (1 + 2), rel=1e-2)
 
 
 def test_the_pairing_is_rounded_relative_to_its_own_terms(boundary):
     """w = 1: no place matters, and loads of 7 in all are rounded. w = 3 at node 5 alone: 3 times 4 is."""
-    (computed,) = boundary._bound_on_exact_mesh(np.ones((16, 1)))
-    assert computed - 7 == pytest.approx(7 * SQUARES_ROUNDING, rel=1e-3)
-    (computed,) = boundary._bound_on_exact_mesh(np.where(np.arange(16)[:, None] == 5, 3.0, 0.0))
-    assert computed - 12 == pytest.approx(12 * SQUARES_ROUNDING, rel=1e-3)
+    (bound,) = boundary._bound_on_exact_mesh(np.ones((16, 1)))
+    assert bound - 7 == pytest.approx(7 * SQUARES_ROUNDING, rel=1e-3)
+    (bound,) = boundary._bound_on_exact_mesh(np.where(np.arange(16)[:, None] == 5, 3.0, 0.0))
+    assert bound - 12 == pytest.approx(12 * SQUARES_ROUNDING, rel=1e-3)
 
 
 def test_the_pairing_is_longer_by_the_stretch(boundary, monkeypatch):
@@ -599,10 +599,10 @@ def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
     calls = []
     monkeypatch.setattr(of_forces, "energy_norm", lambda mesh, w, norm: calls.append(norm) or 1e6)
     boundary.mesh.exact_mesh_factor = 1.5
-    (computed,) = boundary._bound_on_exact_mesh(np.zeros((16, 1)))
+    (bound,) = boundary._bound_on_exact_mesh(np.zeros((16, 1)))
     assert (
         1.5 * 0.5 * 1e6 * (1 + 0.999 * SQUARES_ROUNDING)
-        <= computed
+        <= bound
         <= 1.5 * 0.5 * 1e6 * (1 + 1.001 * SQUARES_ROUNDING)
     )
     assert calls == [H1]
@@ -650,7 +650,9 @@ def test_the_balance_encloses_the_exact_sum_for_random_data_on_random_polygons()
         linear = [tuple((rng.normal(size=3) * 10 ** rng.uniform(-6, 6)).tolist()) for _ in range(n)]
         free = [side for side in range(1, n) if rng.random() < 0.5]
         q = {side: linear[side] for side in free}
-        as_text = {side: "{!r} + {!r}*x + {!r}*y".format(*item) for side, item in enumerate(linear)}
+        as_text = {
+            side: "{!r} + {!r}*x + {!r}*y".format(*coefficients) for side, coefficients in enumerate(linear)
+        }
         problem = ul.Problem(
             polygon,
             as_text[0],

@@ -142,10 +142,10 @@ def test_what_jumps_leave_on_pieces_is_left_of_f():
         )
         for k, j, i in ((9.0, 3.0, 1.0), (7.0, 4.0, 2.0))
     ]
-    computed = _project_pieces(mesh, pieces)
-    assert not computed.oscillation.any()
-    assert computed.jumps == pytest.approx([5.0, 0.0])
-    assert computed.remainder == pytest.approx([4.0 + 3 / math.sqrt(0.5), 0.0])
+    projection = _project_pieces(mesh, pieces)
+    assert not projection.oscillation.any()
+    assert projection.jumps == pytest.approx([5.0, 0.0])
+    assert projection.remainder == pytest.approx([4.0 + 3 / math.sqrt(0.5), 0.0])
 
 
 def test_squares_that_underflow_are_allowed_for():

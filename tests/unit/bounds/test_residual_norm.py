@@ -161,16 +161,21 @@ def test_the_bound_by_parts_is_never_below_the_norm(shape):
 def test_by_parts_a_layer_that_is_not_seen_costs_little():
     """For fields alone; (k/c)^(1/2) is a hundredth of the triangle, which the fine mesh hardly resolves."""
     form = Form(1.0, 1e4)
-    computed, load = make_residual("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
+    residual, load = make_residual("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
     min_dual_norm = dual_norm("right", load, form)
-    assert computed.dual_norms()[0] < 3 * min_dual_norm
-    assert computed._replace(s_prime=0 * computed.mean + math.inf).dual_norms()[0] > 4 * min_dual_norm
+    assert residual.dual_norms()[0] < 3 * min_dual_norm
+    assert residual._replace(s_prime=0 * residual.mean + math.inf).dual_norms()[0] > 4 * min_dual_norm
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_part_may_be_left_out(kind):
     """The control of the test above: without a part the norm of what it makes alone is 0."""
-    ratios = [ratio for _, ratio in bounds("square", 1, (kind,), [item for item in KINDS if item != kind])]
+    ratios = [
+        ratio
+        for _, ratio in bounds(
+            "square", 1, (kind,), [other_kind for other_kind in KINDS if other_kind != kind]
+        )
+    ]
     assert max(ratios) < 1
 
 
@@ -234,17 +239,17 @@ def test_nothing_jumps_as_c_vanishes():
 
 
 def test_the_smaller_of_both_counts_on_a_triangle():
-    computed, _ = make_residual("square", np.random.default_rng(7), [1.0, 1.0, 1.0, 0.1], Form())
-    squares = computed.squares()
+    residual, _ = make_residual("square", np.random.default_rng(7), [1.0, 1.0, 1.0, 0.1], Form())
+    squares = residual.squares()
     second = np.array([0.5 * math.sqrt(squares[0]), math.inf])
-    np.testing.assert_allclose(computed._replace(s_prime=second).squares(), squares * [0.25, 1.0])
+    np.testing.assert_allclose(residual._replace(s_prime=second).squares(), squares * [0.25, 1.0])
 
 
 @pytest.mark.parametrize("form", [Form(), Form(2.0, 0.5, (3,), friedrichs=FRIEDRICHS), *forms("square")])
 def test_shares_are_parts_of_the_square(form):
     """Their sum is at most S^2 and at least half of it."""
     rng = np.random.default_rng(10)
-    computed, _ = make_residual("square", rng, [1.0, 1.0, 1.0, 0.1], form)
-    total = computed.shares().sum()
-    S = computed.dual_norms()[1]
+    residual, _ = make_residual("square", rng, [1.0, 1.0, 1.0, 0.1], form)
+    total = residual.shares().sum()
+    S = residual.dual_norms()[1]
     assert 0.5 * S**2 * (1 - 1e-6) <= total <= S**2

@@ -60,8 +60,8 @@ def bounds(solution: ul.Solution) -> list[float]:
 
 
 def is_bounded(solution: ul.Solution, name: str, size: float) -> bool:
-    item = solution.solved
-    error = relative_error(item.mesh, item.u_h, item.form, name, size)
+    solved = solution.solved
+    error = relative_error(solved.mesh, solved.u_h, solved.form, name, size)
     return 0 < error <= min(bounds(solution)[::2]) / size < math.inf
 
 

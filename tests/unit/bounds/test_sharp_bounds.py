@@ -251,16 +251,16 @@ def test_no_other_potential_is_better_where_sigma_is_large_and_nothing_in_contac
     problem = Manufactured(square(), "cosh(x - 0.4)", "10")
     mesh = make_structured_mesh(square(), 1 / 4)
     cells = partitions.make_uniform_partition(square(), 1 / 2)
-    data = given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.ones(cells.n_cells))
+    arguments = given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.ones(cells.n_cells))
     monkeypatch.setattr(bounds, "MIN_RELATIVE_GAIN", 1e-12)
-    best = sharp_bound(*data).eta
+    best = sharp_bound(*arguments).eta
     original = bounds._minimise_eta
 
     def add_sigma_load(lift, field, load, slack):
         return original(lift, field, load + field.spaces.edge_load(lift.sigma), slack)
 
     monkeypatch.setattr(bounds, "_minimise_eta", add_sigma_load)
-    assert sharp_bound(*data).eta > 1.01 * best
+    assert sharp_bound(*arguments).eta > 1.01 * best
 
 
 def test_the_bounds_hold_after_any_number_of_steps(monkeypatch):
@@ -287,10 +287,10 @@ def test_the_number_of_steps_does_not_grow_on_finer_meshes(monkeypatch):
 
 def test_multigrid_in_place_of_factors_changes_little(monkeypatch):
     """Of what is left eta has at most ENOUGH, as long as a step takes half of it and more."""
-    data = pair("natural", 16).given
-    direct = sharp_bound(*data)
+    arguments = pair("natural", 16).given
+    direct = sharp_bound(*arguments)
     monkeypatch.setattr(linear_systems, "MAX_FACTORISED_UNKNOWNS", 0)
-    assert sharp_bound(*data).eta <= (1 + bounds.MIN_RELATIVE_GAIN) * direct.eta
+    assert sharp_bound(*arguments).eta <= (1 + bounds.MIN_RELATIVE_GAIN) * direct.eta
 
 
 def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
@@ -375,8 +375,8 @@ def test_the_bound_of_lambda_holds_for_cells_shorter_than_edges():
 def test_the_slack_counts_twice(monkeypatch):
     """By the identity eta^2 has 2 <q.n, v - g> in it, as has R + D^2: a slack of 1/2 adds 1 to both."""
     original = feasible.bound_shortfall
-    data = given_to(*make_full_contact(4))
-    computed = []
+    arguments = given_to(*make_full_contact(4))
+    bounds_with_slack = []
     monkeypatch.setattr(bounds, "MIN_RELATIVE_GAIN", 0.0)  # or there would be fewer steps
     for extra in (0.0, 0.5 / 16):
         monkeypatch.setattr(
@@ -386,9 +386,9 @@ def test_the_slack_counts_twice(monkeypatch):
                 edge_complementarity=original(*a).edge_complementarity + s
             ),
         )
-        computed.append(sharp_bound(*data))
-    assert computed[1].eta ** 2 - computed[0].eta ** 2 == pytest.approx(1, rel=1e-8)
-    R_and_D = [item.u**2 + max(item.lift_norm - item.eta, 0) ** 2 for item in computed]
+        bounds_with_slack.append(sharp_bound(*arguments))
+    assert bounds_with_slack[1].eta ** 2 - bounds_with_slack[0].eta ** 2 == pytest.approx(1, rel=1e-8)
+    R_and_D = [item.u**2 + max(item.lift_norm - item.eta, 0) ** 2 for item in bounds_with_slack]
     assert R_and_D[1] - R_and_D[0] == pytest.approx(1, rel=1e-8)
 
 
@@ -468,8 +468,8 @@ def test_constants_on_a_tiny_square_are_bounded_in_spite_of_rounding(c):
     mesh = meshes.make_unstructured_mesh(polygon, 1e-3 / 16)
     cells = partitions.make_uniform_partition(polygon, 1e-3 / 8)
     problem = Manufactured(polygon, "1")
-    computed = sharp_bound(*given_to(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells)))
-    assert (c - 1) * 1e-3 * (1 - 1e-14) <= computed.u <= 1.01 * (c - 1) * 1e-3
+    bounds = sharp_bound(*given_to(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells)))
+    assert (c - 1) * 1e-3 * (1 - 1e-14) <= bounds.u <= 1.01 * (c - 1) * 1e-3
     spaces = quadratic_space(mesh)
     v = spaces.embed_linear(np.full(mesh.n_nodes, c))
     assert quadratic_square_norms(mesh.areas, *spaces.coefficients(v)).sum() == pytest.approx(
@@ -591,10 +591,10 @@ def make_layer_data(kind, n, k, c):
 def test_the_index_does_not_depend_on_the_reaction(kind, ratio):
     """It is at most 5, and the bound is at most the cheap one, however thin the layer is beside h = 1/8."""
     k = 3.0
-    data, error = make_layer_data(kind, 8, k, k * ratio)
-    bound = sharp_bound(*data)
+    arguments, error = make_layer_data(kind, 8, k, k * ratio)
+    bound = sharp_bound(*arguments)
     assert error <= bound.u <= 5 * error
-    assert bound.u <= local_bound(*data).u * (1 + 1e-6)
+    assert bound.u <= local_bound(*arguments).u * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -668,12 +668,12 @@ def step(n, kind, c):
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
 def test_the_index_of_a_time_step_is_bounded(kind, c, monkeypatch):
     """Jumps of grad u_h are the error then. Control: not so without integration by parts, for large c."""
-    data, error = step(8, kind, c)
-    u = sharp_bound(*data).u
+    arguments, error = step(8, kind, c)
+    u = sharp_bound(*arguments).u
     assert error <= u <= 5 * error
-    assert u <= local_bound(*data).u * (1 + 1e-6)
+    assert u <= local_bound(*arguments).u * (1 + 1e-6)
     if c == 1e8:
         monkeypatch.setattr(
             flux_residuals, "bound_by_parts", lambda mesh, triangles, *_: np.full(len(triangles), math.inf)
         )
-        assert sharp_bound(*data).u > 5 * error
+        assert sharp_bound(*arguments).u > 5 * error

@@ -149,9 +149,9 @@ def test_both_parts_of_the_distance_are_needed():
     enclosure = enclose_function(mesh, source)
     remaining = enclosure.remainder + 0.6 * np.sqrt(mesh.areas)
     shifted = replace(enclosure, f_h=enclosure.f_h + 0.6, remainder=remaining)
-    for item, without in ((enclosure, "oscillation"), (shifted, "remainder")):
-        assert dual(source, item) <= distance(item)
-        assert dual(source, item) > distance(replace(item, **{without: 0 * remaining}))
+    for enclosed, without in ((enclosure, "oscillation"), (shifted, "remainder")):
+        assert dual(source, enclosed) <= distance(enclosed)
+        assert dual(source, enclosed) > distance(replace(enclosed, **{without: 0 * remaining}))
 
 
 def distance(enclosure):

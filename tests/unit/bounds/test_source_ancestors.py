@@ -78,16 +78,16 @@ def levels(mesh):
     first = mesh.coarse or mesh
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
     nodes = first.triangles
-    computed = []
+    enclosures = []
     for step in [None, *mesh.steps]:
         if step:
             after = step.replace_values(nodes, step.nodes.astype(nodes.dtype))
-            computed = [deeper(enclosure, step, nodes) for enclosure in computed]
+            enclosures = [deeper(enclosure, step, nodes) for enclosure in enclosures]
             nodes = after
         count = len(nodes)
         places = np.broadcast_to(sigma, (count, 3, 2)).copy()
-        computed.append((nodes, np.arange(count), places, np.zeros(count, dtype=int)))
-    return [(mesh.points[around], *alternatives) for around, *alternatives in computed]
+        enclosures.append((nodes, np.arange(count), places, np.zeros(count, dtype=int)))
+    return [(mesh.points[around], *alternatives) for around, *alternatives in enclosures]
 
 
 def deeper(enclosure, step, nodes):
@@ -118,9 +118,11 @@ def test_places_in_an_ancestor_are_exact(name):
         near = times <= MAX_ANCESTOR_HALVINGS
         far = times >= 10
         deepest = max(deepest, times.max())
-        computed = place_corners(corners[near], frame[number[near]])
-        np.testing.assert_array_equal(computed, places[near])
-        np.testing.assert_array_equal(computed / ANCESTOR_GRID_STEP, np.rint(computed / ANCESTOR_GRID_STEP))
+        places_in_ancestor = place_corners(corners[near], frame[number[near]])
+        np.testing.assert_array_equal(places_in_ancestor, places[near])
+        np.testing.assert_array_equal(
+            places_in_ancestor / ANCESTOR_GRID_STEP, np.rint(places_in_ancestor / ANCESTOR_GRID_STEP)
+        )
         if far.any():
             assert np.any(place_corners(corners[far], frame[number[far]]) != places[far])
     assert (deepest >= 10) == (name == "at a corner")
@@ -211,7 +213,7 @@ def project_exactly(c, corners):
     x = sum(hat * Rational(z) for hat, z in zip(HATS, xs, strict=True))
     y = sum(hat * Rational(z) for hat, z in zip(HATS, ys, strict=True))
     terms = zip(monomial_basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
-    p = sum(x**i * y**j * Rational(item) for (i, j), item in terms)
+    p = sum(x**i * y**j * Rational(coefficient) for (i, j), coefficient in terms)
     moments = [mean(p * hat) for hat in HATS]
     f_h = [12 * moment - 3 * sum(moments) for moment in moments]
     remaining = p - sum(hat * value for hat, value in zip(HATS, f_h, strict=True))
@@ -222,14 +224,14 @@ def draw_descendants():
     """Of the triangle of sigma: itself, and random descendants with corners at multiples of 2^-6."""
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
     rng = np.random.default_rng(7)
-    computed = [sigma]
+    descendants = [sigma]
     for _ in range(7):
         a, b, c = sigma
         for _ in range(rng.integers(1, MAX_ANCESTOR_HALVINGS + 1)):
             m = 0.5 * (b + c)
             a, b, c = ((m, a, b), (m, c, a))[rng.integers(2)]
-        computed.append(np.array([a, b, c]))
-    return computed
+        descendants.append(np.array([a, b, c]))
+    return descendants
 
 
 def worst_rounding(count):
@@ -455,9 +457,9 @@ def two_meshes(times=1):
 def test_what_is_kept_is_what_is_found_anew(text, times):
     """Up to both rests; of polynomials up to rounding, as they are enclosed exactly on any triangle."""
     coarse, fine = two_meshes(times)
-    data = Source(text)
-    enclosure = enclose_function(fine, data, enclose_function(coarse, data))
-    anew = enclose_function(fine, data)
+    source = Source(text)
+    enclosure = enclose_function(fine, source, enclose_function(coarse, source))
+    anew = enclose_function(fine, source)
     maximum = np.sqrt(fine.areas) * (enclosure.remainder + anew.remainder)
     if "pos(x - 1/3" not in text:
         assert np.all(np.abs(enclosure.moments() - anew.moments()) <= maximum[:, None] + 1e-15)
@@ -471,9 +473,9 @@ def test_what_is_kept_is_what_is_found_anew(text, times):
 def test_kept_values_are_the_same_numbers():
     """Of triangles that are not cut; control: f of another formula is another one there, and on new ones."""
     coarse, fine = two_meshes()
-    data = Source("exp(x*y)")
+    source = Source("exp(x*y)")
     other_source = Source("exp(x*y) + 1")
-    before = enclose_function(coarse, data)
+    before = enclose_function(coarse, source)
     enclosure = enclose_function(fine, other_source, before)
     old = np.setdiff1d(np.arange(len(coarse.triangles)), fine.steps[-1].parent)
     np.testing.assert_array_equal(enclosure.f_h[old], before.f_h[old])
@@ -496,20 +498,20 @@ class Placed(Counted):
 def test_only_where_triangles_were_cut_f_is_looked_at(text):
     """And only where those that they came from do not suffice. Control: anew it is everywhere."""
     coarse, fine = two_meshes()
-    data = Placed(text)
+    source = Placed(text)
     anew = Placed(text)
     before = enclose_function(coarse, Source(text))
-    enclose_function(fine, data, before)
+    enclose_function(fine, source, before)
     enclose_function(fine, anew)
     cut = np.unique(fine.steps[-1].parent)
     assert 0 < len(cut) < len(coarse.triangles) / 2
-    assert np.all(np.isin(containing(coarse, data.places), cut))
+    assert np.all(np.isin(containing(coarse, source.places), cut))
     assert not np.all(np.isin(containing(coarse, anew.places), cut))
-    assert data.pieces < anew.pieces
-    assert (data.pieces == 0) == (text == "x**2*y - 3*x")
-    data.pieces = 0
-    enclose_function(fine, data, enclose_function(fine, Source(text)))
-    assert data.pieces == 0
+    assert source.pieces < anew.pieces
+    assert (source.pieces == 0) == (text == "x**2*y - 3*x")
+    source.pieces = 0
+    enclose_function(fine, source, enclose_function(fine, Source(text)))
+    assert source.pieces == 0
 
 
 def containing(mesh, places):
@@ -528,10 +530,10 @@ def containing(mesh, places):
 def test_what_is_unknown_stays_unknown():
     """Of the triangles that are kept; control: not of others."""
     coarse, fine = two_meshes()
-    data = Source("exp(x)")
-    before = enclose_function(coarse, data)
+    source = Source("exp(x)")
+    before = enclose_function(coarse, source)
     enclosure = enclose_function(
-        fine, data, replace(before, remainder=before.remainder + 7, is_resolved=False)
+        fine, source, replace(before, remainder=before.remainder + 7, is_resolved=False)
     )
     step = fine.steps[-1]
     assert np.all(np.delete(enclosure.remainder, step.triangles) >= 7)
@@ -575,12 +577,12 @@ def test_far_descendants_that_are_not_asked_for_again_exceed_the_allowance(monke
 def test_what_is_kept_is_asked_for_again_likewise(steps):
     """From mesh to mesh, however many steps lie between them: halvings are counted on."""
     all_of = deep(15)
-    data = Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
+    source = Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
     enclosure = None
     for mesh in all_of[::steps]:
-        enclosure = enclose_function(mesh, data, enclosure)
+        enclosure = enclose_function(mesh, source, enclosure)
         check_halvings(enclosure.ancestors, mesh)
-    once = enclose_function(enclosure.mesh, data)
+    once = enclose_function(enclosure.mesh, source)
     np.testing.assert_allclose(enclosure.f_h, once.f_h, rtol=0, atol=1e-12)
 
 

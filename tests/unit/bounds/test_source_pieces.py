@@ -46,7 +46,9 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
         c, *slopes = [Fraction(float(coefficient)) for coefficient in block.c[:3, k]]
         at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
         for p, weights in zip(at_corners, block.corners[k].tolist(), strict=True):
-            exact = sum(Fraction(b) * Fraction(item) for b, item in zip(weights, corner_values, strict=True))
+            exact = sum(
+                Fraction(b) * Fraction(value) for b, value in zip(weights, corner_values, strict=True)
+            )
             assert abs(p - exact) <= expected
             worst = max(worst, float(abs(p - exact)))
     assert worst > 1e-12
@@ -93,28 +95,28 @@ def test_the_bound_counts_two_jumps_that_are_wrong_at_once():
     source = Source(f"{near.format(10**9)}*{near.format(10**5)}")
     triangle = np.array([[0.74, 0.49], [0.76, 0.49], [0.75, 0.51]])
     mesh = meshes.from_arrays(Polygon(triangle, "small"), triangle, [[0, 1, 2]])
-    computed, _ = source_pieces.enclose_pieces(mesh, np.eye(3)[None], np.zeros(1, dtype=int), source)
+    pieces, _ = source_pieces.enclose_pieces(mesh, np.eye(3)[None], np.zeros(1, dtype=int), source)
     u = (np.stack(np.meshgrid(*2 * [np.arange(1000)]), axis=-1).reshape(-1, 2) + 0.5) / 1000
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
     hats = np.column_stack([1 - u.sum(axis=1), u])
     values = (
-        source.value(*(hats @ corners @ triangle).T)[0] for corners in computed.corners
+        source.value(*(hats @ corners @ triangle).T)[0] for corners in pieces.corners
     )  # a piece at a time
-    squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, computed.c[0], strict=True)])
-    norms = np.sqrt(squares * computed.area)
-    areas = computed.area
-    assert np.all(norms <= np.sqrt(computed.remainder_squares) + computed.jump_norm + 1e-3 * np.sqrt(areas))
-    assert np.any((norms > 3e-3 * np.sqrt(areas)) & (computed.c[0] == 0))
+    squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, pieces.c[0], strict=True)])
+    norms = np.sqrt(squares * pieces.area)
+    areas = pieces.area
+    assert np.all(norms <= np.sqrt(pieces.remainder_squares) + pieces.jump_norm + 1e-3 * np.sqrt(areas))
+    assert np.any((norms > 3e-3 * np.sqrt(areas)) & (pieces.c[0] == 0))
 
 
 def test_areas_in_a_disc_are_those_by_sums_over_points():
     """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
     rng = np.random.default_rng(1)
     vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))
-    computed = area_in_disc(vertices, 0.8)
+    areas = area_in_disc(vertices, 0.8)
     u = rng.random((250_000, 2))
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
-    for triangle, area in zip(vertices, computed, strict=True):
+    for triangle, area in zip(vertices, areas, strict=True):
         edges = triangle[1:] - triangle[0]
         points = triangle[0] + u @ edges
         full = 0.5 * abs(np.linalg.det(edges))

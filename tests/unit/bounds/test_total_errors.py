@@ -149,9 +149,14 @@ class Trial:
         self.v = v
 
     def bounds(self, **changes):
-        data = {"u_residual": self.of_u, "v_residual": self.of_v, "D": self.D, "D_clamped": self.D_clamped}
-        data |= changes
-        return bound_total_errors(1.0, **data, sigma_distance=0.0)
+        arguments = {
+            "u_residual": self.of_u,
+            "v_residual": self.of_v,
+            "D": self.D,
+            "D_clamped": self.D_clamped,
+        }
+        arguments |= changes
+        return bound_total_errors(1.0, **arguments, sigma_distance=0.0)
 
     def errors(self):
         """X, Y on V, the norm of j in N, and the largest gamma <lambda, w>."""

@@ -93,8 +93,8 @@ def test_without_a_reaction_or_with_a_small_one_the_flux_is_balanced(c, tmp_path
     judged = judge_solution(s.solved)
     unbalanced = judged._replace(flux=s.solved.flux)
     bounds = []
-    for item in (judged, unbalanced):
-        write_certificate(make_certificate(s.problem, item), tmp_path / "c.json")
+    for solved in (judged, unbalanced):
+        write_certificate(make_certificate(s.problem, solved), tmp_path / "c.json")
         bounds.append(read_proved_bounds(tmp_path / "c.json")[0])
     assert bounds[0] < s.bounds.u < bounds[1]
 
@@ -135,7 +135,7 @@ def test_functions_are_terms_where_the_checker_reads_them():
     """Exact ones, from the rules of docs/certificate.md: f of degree 2, g of degree 2 along its side."""
     stated = state_problem(ul.Problem(KITE, f="(x - 1/3)**2 - 0.1*y", g="x**2*y/8 + pi*x*0"))
     assert stated["f"] == [[0, 0, "1/9"], [0, 1, "-1/10"], [1, 0, "-2/3"], [2, 0, "1"]]
-    kinds = [data for side in stated["sides"] for data in side.values()]
+    kinds = [side_data for side in stated["sides"] for side_data in side.values()]
     terms = [[2, 1, "1/8"]]
     text = "x**2*y/8"
     # of degree 0 on the bottom, and of degree 3 along each slanted side

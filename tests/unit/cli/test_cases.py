@@ -42,18 +42,18 @@ def test_json_has_every_case_on_every_polygon(run):
     """natural: contact on half of side 0 and on the others; lambda of singular is not bounded."""
     code, out, err = run("cases", "--json")
     assert (code, err, out.count("\n")) == (0, "", 1)
-    computed = {case["name"]: case for case in json.loads(out)["cases"]}
-    assert list(computed) == cases.case_names()
-    (natural,) = computed["natural"]["polygons"]
+    case_records = {case["name"]: case for case in json.loads(out)["cases"]}
+    assert list(case_records) == cases.case_names()
+    (natural,) = case_records["natural"]["polygons"]
     assert natural["hypotheses"] == {"j": True, "jj": True, "jjj": True}
     assert natural["g_regular"] is True
     assert natural["contact"][0] == {"side": 0, "start": 0.5, "end": 1.0}
-    assert [polygon["polygon"] for polygon in computed["thirds"]["polygons"]] == [
+    assert [polygon["polygon"] for polygon in case_records["thirds"]["polygons"]] == [
         "square",
         "lshape",
         "hexagon",
     ]
-    assert computed["singular"]["polygons"][0]["lambda_max"] is None
+    assert case_records["singular"]["polygons"][0]["lambda_max"] is None
 
 
 def test_the_text_of_a_case_has_its_formulas_and_proved_rates(run):
@@ -131,22 +131,24 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     """
     stub_ufl(monkeypatch, **NUMPY_AS_UFL)
     case = load_at_home(name)
-    computed = functions(kind, load_at_home(name))
+    module_functions = functions(kind, load_at_home(name))
     mesh = make_unstructured_mesh(case.polygon, 1 / 5)
     inside = mesh.points[mesh.triangles].mean(axis=1)
     u, gradient = case.value_and_gradient(inside)
     f = case.source(inside)
     size = np.abs(gradient).max()
-    np.testing.assert_allclose(computed["u"](inside), u, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(computed["f"](inside), f, rtol=1e-12, atol=1e-12 * np.abs(f).max())
-    np.testing.assert_allclose(np.transpose(computed["grad_u"](inside)), gradient, rtol=0, atol=1e-12 * size)
+    np.testing.assert_allclose(module_functions["u"](inside), u, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(module_functions["f"](inside), f, rtol=1e-12, atol=1e-12 * np.abs(f).max())
+    np.testing.assert_allclose(
+        np.transpose(module_functions["grad_u"](inside)), gradient, rtol=0, atol=1e-12 * size
+    )
     for i, length in enumerate(case.polygon.lengths):
         side = np.full(20, i)
         s = (np.arange(20) + 0.43) / 20 * length
         (u, flux, gap) = case.trace_flux_and_gap(side, s)
         points = case.polygon.at(side, s)
-        np.testing.assert_allclose(computed["g"][i](points), u - gap, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(computed["lambda_"][i](points), flux, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(module_functions["g"][i](points), u - gap, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(module_functions["lambda_"][i](points), flux, rtol=1e-9, atol=1e-12)
 
 
 def test_older_versions_of_ufl_have_atan_2(monkeypatch):

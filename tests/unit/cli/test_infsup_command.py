@@ -177,12 +177,12 @@ def test_a_problem_file_says_which_sides_are_clamped(run, tmp_path, c):
 def test_however_it_is_written_c_is_0(run, tmp_path):
     """Control: c = 1 has other constants."""
     file = tmp_path / "own.yaml"
-    computed = {}
+    beta_0 = {}
     for c in ("0", "0.0", "1 - 1", "1"):
         file.write_text(
             "{polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, -1, -1, -1], u: {0: 0}, "
             f'c: "{c}"}}'
         )
         out = run("infsup", "--polygon", str(file), "--h", "1/4", "--H", "1/2", "--json")[1]
-        computed[c] = json.loads(out)["beta_0"]
-    assert computed["0"] == computed["0.0"] == computed["1 - 1"] != computed["1"]
+        beta_0[c] = json.loads(out)["beta_0"]
+    assert beta_0["0"] == beta_0["0.0"] == beta_0["1 - 1"] != beta_0["1"]

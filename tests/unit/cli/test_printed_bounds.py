@@ -46,9 +46,9 @@ def forces(out):
     "options", [("--h", "1/16", "--H", "1/8", "--tolerance", "1e-7"), ("--accuracy", "1e-5")]
 )
 def test_the_printed_interval_has_the_force_in_it(print_solution, options):
-    computed = forces(print_solution(LINEAR, *options))
-    assert len(computed) == 2
-    for lower, upper in computed:
+    intervals = forces(print_solution(LINEAR, *options))
+    assert len(intervals) == 2
+    for lower, upper in intervals:
         assert 3 * lower <= 4 <= 3 * upper
         assert upper - lower <= Decimal("0.0002")
 

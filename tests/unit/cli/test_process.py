@@ -63,8 +63,8 @@ def test_a_closed_pipe_is_no_error(arguments, unbuffered):
 def test_output_that_cannot_be_written_is_code_4(problem_file_of, command, shell, unbuffered, message):
     """A full disk is what writing to /dev/full gives, see full(4); without a buffer it is met earlier."""
     arguments = ("--help",) if command == "help" else ("solve", problem_file_of(f=1, g=0), *SIZES)
-    computed = run_process(*arguments, shell=shell, PYTHONUNBUFFERED=unbuffered)
-    assert computed == (4, b"", f"unilateral: the system failed: {message}\n")
+    outcome = run_process(*arguments, shell=shell, PYTHONUNBUFFERED=unbuffered)
+    assert outcome == (4, b"", f"unilateral: the system failed: {message}\n")
 
 
 @pytest.mark.parametrize("shell", ["2>&-", "2>/dev/full"])
@@ -144,8 +144,8 @@ def test_a_small_problem_of_one_s_own_imports_what_it_needs(problem_file_of):
     """Neither what derives cases nor what draws, meshes, refines, tabulates or solves large systems."""
     formulas = {"f": "3 - 8*x*y - pi**2*sin(3*pi*x) + pos(x - 1/3, 0)", "g": "x*(1 - x)/3 - y*(1 - y)/5"}
     solve = ["solve", str(problem_file_of(**formulas)), *SIZES]
-    computed = slow_imports(f"import unilateral.cli; unilateral.cli.main({solve})")
-    assert computed - {"importlib.metadata"} == {
+    imported_modules = slow_imports(f"import unilateral.cli; unilateral.cli.main({solve})")
+    assert imported_modules - {"importlib.metadata"} == {
         "numpy",
         "scipy",
         "jsonschema",
@@ -155,8 +155,8 @@ def test_a_small_problem_of_one_s_own_imports_what_it_needs(problem_file_of):
 
 def test_what_needs_it_is_imported():
     """Control: a command that runs imports what it works with, here to refuse a name."""
-    computed = slow_imports("import unilateral.cli; unilateral.cli.main(['cases', 'naturall'])")
-    assert {"numpy", "yaml"} <= computed
+    imported_modules = slow_imports("import unilateral.cli; unilateral.cli.main(['cases', 'naturall'])")
+    assert {"numpy", "yaml"} <= imported_modules
 
 
 def test_case_names_are_completed_without_what_takes_long_to_import():
@@ -165,9 +165,9 @@ def test_case_names_are_completed_without_what_takes_long_to_import():
         words = f"unilateral {line}"
         asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
         complete = {"_UNILATERAL_COMPLETE": "bash_complete", **asked}
-        computed = slow_imports("from unilateral.cli import main; main([])", **complete)
-        assert ("numpy" in computed) == imported
-        assert imported or not computed
+        imported_modules = slow_imports("from unilateral.cli import main; main([])", **complete)
+        assert ("numpy" in imported_modules) == imported
+        assert imported or not imported_modules
 
 
 def test_a_second_interrupt_ends_at_once():

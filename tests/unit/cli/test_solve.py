@@ -98,14 +98,13 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(run):
 def test_the_algebraic_error_of_lambda_is_told_by_the_bound_on_beta(run):
     """On an adapted mesh, too: by hand, and as it is printed."""
     for how in (SIZES, ("--accuracy", "1e-1", "--max-unknowns", "5000")):
-        computed = solve_json(run, "thirds", *how)[1]
-        assert 0.2 < computed["beta"] < 0.8
-        assert computed["hm12_algebraic_bound"] == computed["algebraic_bound"] / computed["beta"]
+        record = solve_json(run, "thirds", *how)[1]
+        assert 0.2 < record["beta"] < 0.8
+        assert record["hm12_algebraic_bound"] == record["algebraic_bound"] / record["beta"]
         out = run("solve", "thirds", *how)[1]
-        text = f"at most {format_up(computed['hm12_algebraic_bound'], '.4e')} in H^(-1/2), guaranteed"
+        text = f"at most {format_up(record['hm12_algebraic_bound'], '.4e')} in H^(-1/2), guaranteed"
         assert (
-            f"  that of lambda_H            {text}, as beta >= {format_down(computed['beta'], '.3f')}\n"
-            in out
+            f"  that of lambda_H            {text}, as beta >= {format_down(record['beta'], '.3f')}\n" in out
         )
 
 
@@ -144,10 +143,10 @@ def test_a_multiplier_that_may_not_be_unique_is_said(run, problem):
 
 
 def test_a_case_is_solved_on_the_lshape_at_the_chosen_side(run):
-    computed = [solve_json(run, "thirds", *SIZES, "--polygon", "lshape", "--side", side)[1] for side in "02"]
-    assert [item["unknowns"] for item in computed] == [3 * 64 + 4 * 8 + 1] * 2
-    assert [item["multipliers"] for item in computed] == [32] * 2
-    assert computed[0]["h1_error"] != computed[1]["h1_error"]
+    records = [solve_json(run, "thirds", *SIZES, "--polygon", "lshape", "--side", side)[1] for side in "02"]
+    assert [record["unknowns"] for record in records] == [3 * 64 + 4 * 8 + 1] * 2
+    assert [record["multipliers"] for record in records] == [32] * 2
+    assert records[0]["h1_error"] != records[1]["h1_error"]
 
 
 def test_an_unstructured_mesh_has_the_size_asked_for(run):

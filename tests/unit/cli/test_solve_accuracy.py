@@ -106,10 +106,10 @@ def test_bounds_that_contradict_each_other_are_withdrawn(
     original = solution.local_bound
 
     def spoilt(data, *arguments):
-        computed = original(data, *arguments)
+        bounds = original(data, *arguments)
         unknowns = data.mesh.n_nodes
-        u = u_bound.get(unknowns, 1.0) * computed.u
-        return replace(computed, u=u, lambda_=lambda_bound.get(unknowns, 1.0) * computed.lambda_)
+        u = u_bound.get(unknowns, 1.0) * bounds.u
+        return replace(bounds, u=u, lambda_=lambda_bound.get(unknowns, 1.0) * bounds.lambda_)
 
     monkeypatch.setattr(solution, "local_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)

@@ -238,12 +238,12 @@ def test_a_mesh_without_a_node_in_contact_is_refused() -> None:
 
 def test_most_bounds_are_near_the_errors() -> None:
     """The median of the cheap bound over the error is below 1.3 on meshes that resolve u."""
-    computed = []
+    indices = []
     for seed, (k, c) in enumerate(COEFFICIENTS * 2):
         problem = random_problem(seed, k, c)
         s = ul.solve(problem.problem, h=1 / 16, H=1 / 8)
-        computed.append(s.bounds.u / error(problem, s))
-    assert statistics.median(computed) < 1.3
+        indices.append(s.bounds.u / error(problem, s))
+    assert statistics.median(indices) < 1.3
 
 
 WAVE = "sin(8*pi*x)"
@@ -301,13 +301,13 @@ def test_divergence_counts_by_friedrichs_constant(c, square, share, monkeypatch)
     u = x(2 - x)/2, or 1 - cosh(1 - x)/cosh(1), and ||u||^2 is its integral.
     """
     problem = ul.Problem(POLYGONS["square"], 1, -1, [0, 1, 2], c=c, u={3: 0})
-    computed = ul.solve(problem, h=1 / 4, H=1 / 2).solved
-    form = computed.form
+    solved = ul.solve(problem, h=1 / 4, H=1 / 2).solved
+    form = solved.form
     weaker = form._replace(friedrichs=share * form.friedrichs)
     monkeypatch.setattr(
         local_bounds, "equilibrate_flux", lambda mesh, *_: np.zeros((2, len(mesh.triangulation.ends)))
     )
-    bound = replace(computed, form=weaker, u_h=np.zeros_like(computed.u_h)).local_bound.u
+    bound = replace(solved, form=weaker, u_h=np.zeros_like(solved.u_h)).local_bound.u
     assert (bound >= math.sqrt(square)) == (share == 1.0)
 
 
@@ -353,9 +353,9 @@ def test_forces_and_reactions_lie_in_their_intervals(sharp) -> None:
 
 def test_forces_and_reactions_of_a_function_are_those_of_its_formula() -> None:
     """f and u are linear, and so the functions between nodes."""
-    data = {"free_sides": [0, 2], "c": 0, "u": {3: "y"}, "q": [-1, None, 1, None]}
+    side_data = {"free_sides": [0, 2], "c": 0, "u": {3: "y"}, "q": [-1, None, 1, None]}
     pair = [
-        ul.Problem(POLYGONS["square"], f, [None, "1 + y", None, None], **data)
+        ul.Problem(POLYGONS["square"], f, [None, "1 + y", None, None], **side_data)
         for f in (-2, lambda x, y: 0 * x - 2)
     ]
     expected, computed = [

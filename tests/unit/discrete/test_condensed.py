@@ -208,7 +208,7 @@ def test_auto_accelerates_where_too_many_steps_are_predicted():
     assert fast.result.algorithm == "nesterov"
     assert fast.result.converged
     assert fast.result.iterations < plain.result.iterations / 3
-    errors = [exact_errors(discrete_problem, item).h1 for item in (fast, plain)]
+    errors = [exact_errors(discrete_problem, solution).h1 for solution in (fast, plain)]
     assert errors[0] == pytest.approx(errors[1], rel=1e-3)
 
 
@@ -249,12 +249,12 @@ def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():
     """Of all mu with the discrete norm of the bound one has the largest norm, at least in its lower bound."""
     discrete_problem = discrete("natural", 16, 8)
     gram = build_dual_norm(make_uniform_partition(square(), 1 / 8)).gram()
-    computed = discrete_problem.iterate(1e-3, Stop())
+    solved = discrete_problem.iterate(1e-3, Stop())
     ratios, vectors = eigh(gram.p0.lower, discrete_problem.spaces.operator.D)
-    mu = computed.result.bound * vectors[:, -1]
+    mu = solved.result.bound * vectors[:, -1]
     assert np.linalg.norm(discrete_problem.spaces.operator.D_factor @ mu) == pytest.approx(
-        computed.result.bound
+        solved.result.bound
     )
-    norm = math.sqrt(ratios[-1]) * computed.result.bound
-    assert 1.05 * computed.result.bound < norm <= computed.algebraic_bound("hm12")
-    assert computed.algebraic_bound("h1") == computed.result.bound
+    norm = math.sqrt(ratios[-1]) * solved.result.bound
+    assert 1.05 * solved.result.bound < norm <= solved.algebraic_bound("hm12")
+    assert solved.algebraic_bound("h1") == solved.result.bound

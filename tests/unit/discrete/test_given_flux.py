@@ -224,8 +224,8 @@ def test_all_solvers_have_the_flux():
     problem = ul.Problem(SQUARE, **FIELDS, q=FLUX)
     first, *alternatives = solutions(problem)
     assert first.result.algorithm == "multigrid"
-    for item in alternatives:
-        np.testing.assert_allclose(item.u_h, first.u_h, rtol=0, atol=1e-8)
+    for alternative in alternatives:
+        np.testing.assert_allclose(alternative.u_h, first.u_h, rtol=0, atol=1e-8)
     without = next(solutions(ul.Problem(SQUARE, **FIELDS)))
     assert np.abs(without.u_h - first.u_h).max() > 0.1
 
@@ -265,7 +265,7 @@ def test_no_flux_is_a_flux_of_0():
         alternatives = [
             ul.solve(ul.Problem(SQUARE, **problem, q=q), h=1 / 8, H=1 / 4) for q in (0, [0, None, None, None])
         ]
-        for item in alternatives:
-            assert np.array_equal(item.u, first.u)
-            assert item.bounds == first.bounds
-            assert item.sharp_bounds == first.sharp_bounds
+        for alternative in alternatives:
+            assert np.array_equal(alternative.u, first.u)
+            assert alternative.bounds == first.bounds
+            assert alternative.sharp_bounds == first.sharp_bounds

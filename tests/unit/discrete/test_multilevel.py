@@ -374,7 +374,7 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
 
     first = meshes.triangulate_from_cells(make_uniform_partition(problem.polygon, 0.8), 2)[0]
     refinements = list(solve_refinements(problem, first, Stop(), two, first.n_nodes + 60))
-    unknowns = [item.mesh.n_nodes for item in refinements]
+    unknowns = [refinement.mesh.n_nodes for refinement in refinements]
     assert unknowns[0] == first.n_nodes
     assert np.all(np.diff(unknowns) > 0)
     assert len(unknowns) > 3
@@ -455,12 +455,12 @@ def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     assert not original.is_adapted
     assert multilevel(problem, original, discretised.partition) is None
     assert multilevel(problem, forget_refinement(discretised.mesh), discretised.partition) is None
-    computed = [
+    problems = [
         cheapest(problem, mesh, discretised.partition, EXACTLY) for mesh in (original, discretised.mesh)
     ]
-    assert [type(item) for item in computed] == [CondensedProblem, MultilevelProblem]
-    solution = computed[0].solve(Stop(tolerance=1e-11, algorithm="active_set"))
-    other_solution = computed[1].solve(EXACTLY)
-    unknown = sum(item.data.source.remainder_norm for item in computed)
+    assert [type(discrete_problem) for discrete_problem in problems] == [CondensedProblem, MultilevelProblem]
+    solution = problems[0].solve(Stop(tolerance=1e-11, algorithm="active_set"))
+    other_solution = problems[1].solve(EXACTLY)
+    unknown = sum(discrete_problem.data.source.remainder_norm for discrete_problem in problems)
     assert energy_norm(original, solution.u_h - other_solution.u_h) <= unknown + 1e-9
     assert unknown < 1e-4 * energy_norm(original, solution.u_h)

@@ -178,8 +178,8 @@ def uzawa(A, f, rows, g, lengths, clamped, behind):
 def eliminate_clamped_nodes(A, f, rows, g, lengths, u_D):
     """The problem for what u is without u_D (n,), on the nodes where that is NaN; and these nodes."""
     free = np.flatnonzero(np.isnan(u_D))
-    data = np.nan_to_num(u_D)
-    reduced_data = f - A @ data, g - rows @ data / lengths
+    clamped_values = np.nan_to_num(u_D)
+    reduced_data = f - A @ clamped_values, g - rows @ clamped_values / lengths
     return A[free][:, free], reduced_data[0][free], rows[:, free], reduced_data[1], free
 
 

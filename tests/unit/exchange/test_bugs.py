@@ -252,8 +252,8 @@ def test_a_bug_is_named_or_not_known(exported_cases, tmp_path, name, method):
 @pytest.mark.parametrize("method", author.METHODS)
 def test_what_is_not_named_says_what_it_may_be(exported_cases, tmp_path, method):
     """An iteration that stopped early is a right solution for another g, so that nobody can tell."""
-    (computed,) = exported_cases("natural").judged(tmp_path, "stopped early", method).faults
-    assert "the iteration stopped too early, or g or the contact conditions differ" in computed.description
+    (fault,) = exported_cases("natural").judged(tmp_path, "stopped early", method).faults
+    assert "the iteration stopped too early, or g or the contact conditions differ" in fault.description
 
 
 def test_every_name_is_in_the_documents():

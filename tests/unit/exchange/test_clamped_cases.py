@@ -186,11 +186,11 @@ def test_own_files_are_scored_though_they_have_no_multiplier_on_clamped_sides(
     solution.save(tmp_path / "cells.csv")
     x, y = levels[-1].mesh.points.T
     pd.DataFrame({"x": x, "y": y, "u": solution.u}).to_csv(tmp_path / "u.csv", index=False)
-    for data in (["s.nc"], ["s.vtu"], ["u.csv", "--multiplier", "cells.csv"]):
-        files = [item if item.startswith("--") else tmp_path / item for item in data]
+    for arguments in (["s.nc"], ["s.vtu"], ["u.csv", "--multiplier", "cells.csv"]):
+        files = [argument if argument.startswith("--") else tmp_path / argument for argument in arguments]
         _, out, _ = run("score", folder(name), *files, "--json")
         (record,) = json.loads(out)["solutions"]
-        assert (record["faults"], record["errors"]["l2"] > 0) == ([], True), data
+        assert (record["faults"], record["errors"]["l2"] > 0) == ([], True), arguments
 
 
 @pytest.mark.parametrize("name", CASES)

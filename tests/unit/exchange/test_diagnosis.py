@@ -331,9 +331,9 @@ def test_sentences_of_a_fault_have_one_colon():
         *list_faults(u, make_cell_values(mu + 1)),
         *list_faults(u, make_cell_values(0 * mu)),
     ]
-    for item in (EqualityConditions, ReversedConditions):
+    for conditions in (EqualityConditions, ReversedConditions):
         (right,) = list_conditions(load("natural").problem, problem(), make_cell_values(mu))
-        reactions, _ = item(**vars(right)).multiplier_load(*solve_without_multiplier(problem()), 1e-9)
+        reactions, _ = conditions(**vars(right)).multiplier_load(*solve_without_multiplier(problem()), 1e-9)
         wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
         faults += list_faults(solve_for_reactions(problem(), reactions), make_cell_values(wrong))
     assert [fault.count(":") for fault in faults] == 6 * [1]

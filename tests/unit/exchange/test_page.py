@@ -25,18 +25,18 @@ NAMES = ("natural", "no_contact", "rough")
 @cache
 def score_own_solutions(name, with_multiplier=True):
     """This project's own solutions on h = 1/8, 1/16 of that case, as if another solver had them."""
-    computed = []
+    scores = []
     for k, n in enumerate((8, 16)):
         discrete_problem = discrete(name, n, n // 2)
         solved = solve_condensed_problem(discrete_problem)
         mu = piecewise_constant(discrete_problem.partition, solved.lambda_H) if with_multiplier else None
         level = ExportedLevel(f"level_{k}", discrete_problem.mesh, discrete_problem.partition)
-        computed.append(
+        scores.append(
             score_solution(
                 load(name).problem, ForeignSolution("file", level, solved.u_h, mu, "constant on cells")
             )
         )
-    return computed
+    return scores
 
 
 def written(name, computed):
@@ -137,7 +137,7 @@ def test_scores_pass_without_faults_and_without_rates_that_fall_short():
         [replace(scores[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), scores[1]],
         compute_rates(case, scores),
     )
-    same = [replace(item, errors=scores[0].errors) for item in scores]
+    same = [replace(score, errors=scores[0].errors) for score in scores]
     assert compute_rates(case, same)["h1"].observed == 0
     assert state_verdict(same, compute_rates(case, same)) == "falls short of a proved rate"
     assert not passes_judgement(same, compute_rates(case, same))

@@ -94,7 +94,7 @@ def score_permuted(folder, tmp_path):
 def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, ending):
     """By `Solution.errors`, which never saw a file. A wrong node, cell or edge would change all three."""
     case, levels = read_exported_folder(folder)
-    computed = []
+    scores = []
     for level, sizes in zip(levels, LEVELS.values(), strict=True):
         solution = solve_own(*sizes)
         solution.save(tmp_path / f"{level.name}{ending}")
@@ -107,13 +107,13 @@ def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, endi
             scored_solution.errors, solution.errors, rtol=1e-12 if ending == ".nc" else 1e-6
         )
         np.testing.assert_allclose(scored_solution.reference_errors, solution.errors, rtol=1e-12)
-        computed.append(scored_solution)
-    ladder = compute_rates(case, computed)
+        scores.append(scored_solution)
+    ladder = compute_rates(case, scores)
     assert {norm: rate.pairs for norm, rate in ladder.items()} == {"h1": 1, "hm12": 1, "l2": 1}
     last = solve_own(*LEVELS["level_1"]).errors
     finest = solve_own(*LEVELS["level_2"]).errors
     assert ladder["h1"].observed == pytest.approx(np.log2(last.h1 / finest.h1), rel=1e-9)
-    assert state_verdict(computed, ladder) == "reaches the proved rates"
+    assert state_verdict(scores, ladder) == "reaches the proved rates"
 
 
 @pytest.mark.parametrize("proved", [1.0, 0.5])
@@ -190,8 +190,8 @@ def test_rates_are_by_the_factor_that_the_case_names():
 def test_of_two_bounds_the_root_mean_square_is_the_error():
     """Of 3 and 4 it is the root of 12.5; other norms have one number."""
     errors = Errors(1.0, 3.0, 4.0, 2.0)
-    computed = [select_error(errors, norm) for norm in ("h1", "hm12", "l2")]
-    assert computed == pytest.approx([1.0, np.sqrt(12.5), 2.0])
+    selected_errors = [select_error(errors, norm) for norm in ("h1", "hm12", "l2")]
+    assert selected_errors == pytest.approx([1.0, np.sqrt(12.5), 2.0])
 
 
 @pytest.mark.parametrize(("displaced", "refused"), [(1e-8, False), (1e-4, True)])
@@ -235,10 +235,10 @@ def test_places_are_known_to_the_digits_that_are_written(twelfths, tmp_path, dig
             case, read_foreign_solution(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
         )
 
-    computed = scored_as(WRITTEN[digits])
+    score = scored_as(WRITTEN[digits])
     full = scored_as(None)
-    assert (computed.faults, full.faults) == ([], [])
-    np.testing.assert_allclose(computed.errors, full.errors, rtol=0, atol=2e-5)
+    assert (score.faults, full.faults) == ([], [])
+    np.testing.assert_allclose(score.errors, full.errors, rtol=0, atol=2e-5)
 
 
 @pytest.mark.parametrize("digits", [1, 2])
@@ -263,7 +263,7 @@ def test_the_unit_of_the_last_digit_bounds_what_rounding_leaves(form):
     for digits in range(3, 12):
         for _ in range(20):
             exact = rng.uniform(-1, 1, 40) * 10.0 ** rng.integers(-2, 3)
-            text = [form.format(digits) % item for item in exact]
+            text = [form.format(digits) % number for number in exact]
             unit = last_digit_unit(np.array(text, dtype=float))
             assert np.abs(np.array(text, dtype=float) - exact).max() <= 0.51 * unit
             largest = np.floor(np.log10(np.abs(exact).max() * 1.01)) + 1
@@ -406,9 +406,11 @@ def test_a_multiplier_may_be_missing_or_reactions(score_permuted):
     mesh = solution.mesh
     reactions = np.full(solution.mesh.n_nodes, np.nan)
     reactions[mesh.boundary] = piecewise_constant(solution.partition, solution.multiplier).load(mesh)
-    computed = score_permuted(solution.u, reaction=reactions).solution
-    assert computed.multiplier_kind == "reactions, made a function by the mass matrix"
-    np.testing.assert_allclose(computed.multiplier.load(mesh), reactions[mesh.boundary], rtol=0, atol=1e-12)
+    solution_score = score_permuted(solution.u, reaction=reactions).solution
+    assert solution_score.multiplier_kind == "reactions, made a function by the mass matrix"
+    np.testing.assert_allclose(
+        solution_score.multiplier.load(mesh), reactions[mesh.boundary], rtol=0, atol=1e-12
+    )
 
 
 def test_traces_have_their_loads_and_norms():

@@ -146,10 +146,10 @@ def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> 
     rng = np.random.default_rng(halvings)
     max_interpolation_constant = functional_norm.INTERPOLATION_CONSTANTS[halvings // 2]
     for _ in range(30):
-        computed = largest_interpolation_ratio(descendants(halvings, rng))
-        assert computed <= max_interpolation_constant
+        largest_ratio = largest_interpolation_ratio(descendants(halvings, rng))
+        assert largest_ratio <= max_interpolation_constant
         if halvings % 2:
-            assert computed == pytest.approx(lattice_constant(halvings // 2), rel=1e-12)
+            assert largest_ratio == pytest.approx(lattice_constant(halvings // 2), rel=1e-12)
 
 
 @cache
@@ -303,9 +303,9 @@ def test_what_finer_levels_hide_is_needed(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_weights_are_those_of_the_triangles_at_an_edge() -> None:
     """Found from the places of triangles: C from halved edges, M from the smallest one in each child."""
-    for computed in (adapt_nested("gmsh", 4), adapt_nested("flat", 5), make_nested("square 1", "uniform", 3)):
-        for k, rho in enumerate(reversed(list(edge_weights(computed.of)))):
-            np.testing.assert_allclose(rho, again(computed, k), rtol=1e-9)
+    for nested in (adapt_nested("gmsh", 4), adapt_nested("flat", 5), make_nested("square 1", "uniform", 3)):
+        for k, rho in enumerate(reversed(list(edge_weights(nested.of)))):
+            np.testing.assert_allclose(rho, again(nested, k), rtol=1e-9)
 
 
 def again(nested: Nested, k: int) -> Array:

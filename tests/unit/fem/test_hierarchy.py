@@ -247,9 +247,9 @@ def that_follow(name: str) -> tuple[Nested, Partition]:
 @pytest.mark.parametrize("text", [*LOCAL, "square 2", "slanted"])
 def test_only_the_last_level_of_an_adapted_mesh_has_cells(text: str) -> None:
     """The node inside has the longest edges. Only the last level has cells."""
-    computed, partition = pairs_of_edges(text) if text in LOCAL else that_follow(text)
-    hierarchy = computed.of
-    mesh = computed.mesh
+    nested, partition = pairs_of_edges(text) if text in LOCAL else that_follow(text)
+    hierarchy = nested.of
+    mesh = nested.mesh
     cells = nested_cells(hierarchy, partition)
     assert cells is not None
     (last,) = cells

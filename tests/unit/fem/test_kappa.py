@@ -123,11 +123,11 @@ def corners():
 
 def test_no_shape_needs_a_larger_constant_and_one_needs_almost_this():
     """Control: a constant that is 3 % smaller is not enough for all of them."""
-    computed = {corner: constant_above([[0, 0], [1, 0], corner]) for corner in corners()}
-    assert len(computed) > 20
-    assert max(computed.values()) <= KAPPA
-    assert max(computed.values()) > 0.97 * KAPPA
-    assert math.dist(max(computed, key=computed.get), (0.5, math.sqrt(0.75))) < 1e-12
+    constants = {corner: constant_above([[0, 0], [1, 0], corner]) for corner in corners()}
+    assert len(constants) > 20
+    assert max(constants.values()) <= KAPPA
+    assert max(constants.values()) > 0.97 * KAPPA
+    assert math.dist(max(constants, key=constants.get), (0.5, math.sqrt(0.75))) < 1e-12
 
 
 def test_the_constant_grows_with_the_height():

@@ -79,9 +79,9 @@ def test_large_systems_are_solved_up_to_what_is_asked_for(monkeypatch):
     begin = float(LOAD @ (LOAD / mass))
     last = 0
     for component in (1e-2, 1e-6, 1e-12):
-        computed, steps = linear_systems.solve_sparse(A, LOAD, zero, mass, component * begin)
-        remaining = LOAD - A @ computed
+        solution, steps = linear_systems.solve_sparse(A, LOAD, zero, mass, component * begin)
+        remaining = LOAD - A @ solution
         assert float(remaining @ (remaining / mass)) <= component * begin * (1 + 1e-6)
         assert steps > last
         last = steps
-    assert linear_systems.solve_sparse(A, LOAD, computed, mass, begin)[1] == 0
+    assert linear_systems.solve_sparse(A, LOAD, solution, mass, begin)[1] == 0

@@ -72,8 +72,8 @@ def test_the_norm_of_a_linear_function_is_its_closed_form(mesh):
 
 def test_gradients_reproduce_linear_functions(mesh):
     values = mesh.points @ [0.7, -0.2] + 3
-    computed = np.einsum("mi,mid->md", values[mesh.triangles], gradients(mesh))
-    np.testing.assert_allclose(computed, np.tile([0.7, -0.2], (len(computed), 1)), rtol=0, atol=1e-11)
+    slopes = np.einsum("mi,mid->md", values[mesh.triangles], gradients(mesh))
+    np.testing.assert_allclose(slopes, np.tile([0.7, -0.2], (len(slopes), 1)), rtol=0, atol=1e-11)
 
 
 def test_loads_of_linear_functions_are_matrix_products(mesh):

@@ -74,7 +74,7 @@ def test_polynomials_are_exact(name, mesh):
         return points[:, [0]] ** a * points[:, [1]] ** b
 
     computed = integral(products, subset, case)
-    expected = [moment(subset.polygon.name, *item) for item in zip(a, b, strict=True)]
+    expected = [moment(subset.polygon.name, *powers) for powers in zip(a, b, strict=True)]
     np.testing.assert_allclose(computed, expected, rtol=1e-12, atol=1e-13)
 
 
@@ -136,17 +136,19 @@ def test_singular_powers_are_integrated_to_1e_6(harmonic_at, position, beta):
 def test_the_energy_of_the_harmonic_atom_is_its_closed_form(harmonic_at, position):
     """|grad Im z^(3/2)|^2 = (9/4) r; far from the point the rule of degree 8 leaves 1e-8."""
     case = harmonic_at(position)
-    computed = integral(
+    energy = integral(
         lambda p: np.sum(case.value_and_gradient(p)[1] ** 2, axis=1), mesh_of("structured"), case
     )
-    assert computed == pytest.approx(2.25 * power_over_square(case.singular_points()[0].t, 1.0), rel=1e-7)
+    assert energy == pytest.approx(2.25 * power_over_square(case.singular_points()[0].t, 1.0), rel=1e-7)
 
 
 def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
     case = harmonic_at("1/3")
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
-    computed = integral(lambda p: np.hypot(p[:, 0] - 1 / 3, p[:, 1]) ** -0.5, mesh_of("structured"), case)
-    assert abs(computed / power_over_square(1 / 3, -0.5) - 1) > 1e-4
+    power_integral = integral(
+        lambda p: np.hypot(p[:, 0] - 1 / 3, p[:, 1]) ** -0.5, mesh_of("structured"), case
+    )
+    assert abs(power_integral / power_over_square(1 / 3, -0.5) - 1) > 1e-4
 
 
 def test_points_of_one_grading_share_a_rule():
@@ -220,8 +222,8 @@ def test_gauss_points_alone_miss_the_boundary_means():
 
 def errors(name, n, degree):
     discrete_problem = discrete(name, n, n // 2, degree=degree)
-    computed = exact_errors(discrete_problem, solve_condensed_problem(discrete_problem))
-    return np.array([computed.h1, computed.l2])
+    error_norms = exact_errors(discrete_problem, solve_condensed_problem(discrete_problem))
+    return np.array([error_norms.h1, error_norms.l2])
 
 
 @pytest.mark.parametrize(("n", "raised"), [(16, 12), (64, 9)])
@@ -281,5 +283,5 @@ def test_boundary_means_of_a_power_times_a_cutoff_are_their_closed_forms(name, a
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
     rule = boundary_rule(case.polygon, cells.points, case.singular_points())
     flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
-    computed = rule.integrate(flux, cells.n_cells)[cells.side == 0]
-    np.testing.assert_allclose(computed, np.diff(cut_off_power(x - 1 / 3, alpha)), rtol=1e-12, atol=1e-12)
+    integrals = rule.integrate(flux, cells.n_cells)[cells.side == 0]
+    np.testing.assert_allclose(integrals, np.diff(cut_off_power(x - 1 / 3, alpha)), rtol=1e-12, atol=1e-12)

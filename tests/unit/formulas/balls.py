@@ -52,7 +52,7 @@ def _value(e, place):
         return arb.pi()
     if e is sympy.E:
         return arb(1).exp()
-    args = [value(item, place) for item in e.args]
+    args = [value(argument, place) for argument in e.args]
     if e.is_Add:
         return sum(args[1:], args[0])
     if e.is_Mul:
@@ -64,11 +64,11 @@ def _value(e, place):
 
 def polynomial(c, exponents, sigma):
     """The sum of c (m,) times monomials with those exponents (m, d) at sigma (d,)."""
-    computed = arb(0)
+    total = arb(0)
     for coefficient, powers in zip(c, exponents, strict=True):
         if coefficient:
-            computed += math.prod(arb(s) ** k for s, k in zip(sigma, powers, strict=True)) * coefficient
-    return computed
+            total += math.prod(arb(s) ** k for s, k in zip(sigma, powers, strict=True)) * coefficient
+    return total
 
 
 def certain(question, *arguments):
@@ -108,10 +108,10 @@ def holds(model, j, sigma, f):
 def box(order, centre, arms):
     """The models of x and y on one box each, affine in sigma: centre (2,), arms (2, 2)."""
     models = []
-    for c, item in zip(centre, np.asarray(arms, dtype=float), strict=True):
-        size = np.abs(item).sum()
+    for c, arm in zip(centre, np.asarray(arms, dtype=float), strict=True):
+        size = np.abs(arm).sum()
         values = np.array([c])
         models.append(
-            affine_model(monomial_basis(2, order), values, item[:, None], (values - size, values + size))
+            affine_model(monomial_basis(2, order), values, arm[:, None], (values - size, values + size))
         )
     return dict(zip("xy", models, strict=True))

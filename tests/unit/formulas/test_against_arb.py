@@ -89,17 +89,17 @@ def try_models(operation, oracle, rng, arity, k, order=3, points=POINTS):
     """The same of Taylor models: the arguments differ from their polynomials by a share of the remainders."""
     space = monomial_basis(2, order)
     arguments = [models(rng, space, k) for _ in range(arity)]
-    computed = operation(*arguments)
-    assert np.isfinite(computed.c).all()
-    assert (computed.rad >= 0).all()
-    assert (computed.range[0] <= computed.range[1]).all()
+    model = operation(*arguments)
+    assert np.isfinite(model.c).all()
+    assert (model.rad >= 0).all()
+    assert (model.range[0] <= model.range[1]).all()
 
     def answer(j, sigma, share):
         values = (
             polynomial(a.c[:, j].tolist(), space.exponents.tolist(), sigma) + arb(float(a.rad[j])) * share
             for a in arguments
         )
-        return holds(computed, j, sigma, oracle(*values))
+        return holds(model, j, sigma, oracle(*values))
 
     for j in range(k):
         for *sigma, share in rng.choice([-1.0, 0.25, 1.0], (points, 3)).tolist():
@@ -284,13 +284,13 @@ def test_functions_of_numpy_are_off_by_less_than_four_units(name):
     function = getattr(arb, name)
     x = np.abs(x[x != 0]) if name in ("log", "sqrt") else x
     with np.errstate(over="ignore"):
-        computed = getattr(np, name)(x)
-    finite = np.isfinite(computed)
+        values = getattr(np, name)(x)
+    finite = np.isfinite(values)
     assert finite.sum() > 1000
     for a, f, unit in zip(
         x[finite].tolist(),
-        computed[finite].tolist(),
-        np.spacing(np.abs(computed[finite])).tolist(),
+        values[finite].tolist(),
+        np.spacing(np.abs(values[finite])).tolist(),
         strict=True,
     ):
         assert certain(
@@ -302,7 +302,7 @@ def test_functions_of_numpy_are_off_by_less_than_four_units(name):
 def test_an_extremum_between_two_neighbouring_numbers_is_not_missed(monkeypatch):
     """sin is 1 between the numbers next to pi/2 + 2 pi k; control: rounded multiples of pi do not tell."""
     k = np.unique(np.geomspace(1, 1e12, 400).round())
-    crests = [arb.pi() * (2 * int(item) + arb(0.5)) for item in k]
+    crests = [arb.pi() * (2 * int(period) + arb(0.5)) for period in k]
     near = np.array([float(crest.mid()) for crest in crests])
     lower = np.where(
         [bool(arb(a) < c) for a, c in zip(near.tolist(), crests, strict=True)], near, np.nextafter(near, 0)

@@ -359,9 +359,9 @@ def test_a_fraction_beyond_all_floats_is_infinite():
     """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
     huge = sympy.Rational(10**400, 3)
     large = sympy.Rational(10**300, 3)
-    computed = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
-    assert np.array_equal(computed[0], [np.inf])
-    assert computed[1] == pytest.approx([1e300 / 6])
+    values = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
+    assert np.array_equal(values[0], [np.inf])
+    assert values[1] == pytest.approx([1e300 / 6])
 
 
 @pytest.mark.parametrize(("text", "value"), [("exp(-1000)", 1), ("tanh(400) - 1", 0), ("1 - tanh(400)", 1)])

@@ -99,9 +99,9 @@ def test_chosen_triangles_are_cut_in_four_whatever_else_balance_needs():
 def test_the_fewest_triangles_with_half_of_the_sum_are_marked():
     mesh = make_structured_mesh(square(), 1 / 4)
     shares = np.random.default_rng(0).random(len(mesh.triangles))
-    computed = mark_triangles(mesh, shares)
-    assert shares[computed].sum() >= 0.5 * shares.sum() > shares[computed].sum() - shares[computed].min()
-    assert shares[computed].min() >= np.delete(shares, computed).max()
+    marked = mark_triangles(mesh, shares)
+    assert shares[marked].sum() >= 0.5 * shares.sum() > shares[marked].sum() - shares[marked].min()
+    assert shares[marked].min() >= np.delete(shares, marked).max()
 
 
 def test_triangles_as_short_as_rounding_are_not_marked():

@@ -49,7 +49,7 @@ def test_shifts_are_at_least_the_distances_and_hardly_more(place, push):
         starts = digits([polygon.starts])[0]
         t = [(mpf(float(x)) - starts[i]) / (starts[i + 1] - starts[i]) for x, i in zip(s, side, strict=True)]
         there = vertices[side] + np.array(t)[:, None] * (np.roll(vertices, -1, axis=0) - vertices)[side]
-        displaced = np.array([mp.hypot(*item) for item in digits(places) - there]).astype(float)
+        displaced = np.array([mp.hypot(*shift) for shift in digits(places) - there]).astype(float)
     assert np.all(node_shifts >= displaced)
     assert np.all(node_shifts <= displaced + 3e-15)
 

@@ -87,9 +87,9 @@ def test_masks_on_objects_of_other_programs_are_seen():
     assert ul.mesh(matplotlib_mesh).n_nodes == ul.mesh(meshio_mesh).n_nodes == len(POINTS)
     matplotlib_mesh.x = masked[:, 0]
     meshio_mesh.points = masked
-    for data, field in ((matplotlib_mesh, "x"), (meshio_mesh, "points")):
+    for foreign_mesh, field in ((matplotlib_mesh, "x"), (meshio_mesh, "points")):
         with sentences.raises(ul.InputError, field):
-            ul.mesh(data)
+            ul.mesh(foreign_mesh)
 
 
 @pytest.mark.parametrize(

@@ -29,12 +29,12 @@ def exactly(mesh, points):
     full = np.array([top * (unit // bottom) for top, bottom in ratios], dtype=object).reshape(-1, 2)
     corners = full[: mesh.n_nodes][mesh.triangles]
     edges = np.roll(corners, -1, axis=1) - corners
-    computed = []
+    containing_triangles = []
     for point in full[mesh.n_nodes :]:
         away = point - corners
         areas = edges[..., 0] * away[..., 1] - edges[..., 1] * away[..., 0]
-        computed.append(set(np.flatnonzero((areas >= 0).all(axis=1)).tolist()))
-    return computed
+        containing_triangles.append(set(np.flatnonzero((areas >= 0).all(axis=1)).tolist()))
+    return containing_triangles
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -333,8 +333,8 @@ def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
     assert [default_mesh_kind(polygon) for polygon in polygons] == ["structured", *3 * ["unstructured"]]
     monkeypatch.setitem(sys.modules, "gmsh", None)
     assert [default_mesh_kind(polygon) for polygon in polygons] == 2 * ["structured"] + 2 * ["unstructured"]
-    for item in (SLANTED, narrow):
+    for polygon_without_mesh in (SLANTED, narrow):
         with sentences.raises(InputError):
-            make_structured_mesh(item, 1 / 2)
+            make_structured_mesh(polygon_without_mesh, 1 / 2)
         with sentences.raises(InputError):
-            make_unstructured_mesh(item, 1 / 2)
+            make_unstructured_mesh(polygon_without_mesh, 1 / 2)

@@ -94,11 +94,11 @@ def sample(seed):
 def outcome(n_sides, points, triangles):
     """What became of the mesh: "read", "asked for the polygon", "spoilt", or how many sides were found."""
     try:
-        computed = ul.mesh(points, triangles).polygon.n_sides
+        n_sides_read = ul.mesh(points, triangles).polygon.n_sides
     except ul.InputError as error:
         # A rounding as large as edges lets nodes coincide and triangles overlap.
         return "asked" if POLYGON_ADVICE in str(error) else f"spoilt {error}"
-    return "read" if computed == n_sides else f"{computed} sides for {n_sides}"
+    return "read" if n_sides_read == n_sides else f"{n_sides_read} sides for {n_sides}"
 
 
 MESHES = range(300)
@@ -249,12 +249,12 @@ def test_an_arc_of_turns_as_small_as_rounding_does_not_become_a_side(digits, cle
     angle = np.radians(1) * np.linspace(1, -1, 201)
     top = np.column_stack([np.sin(angle), np.cos(angle) - np.cos(angle[0])]) / np.sin(angle[0])
     places = np.concatenate([[[-1, -1], [1, -1]], top]) @ TURN
-    data = around(shorten_numbers(places, digits))
+    points_and_triangles = around(shorten_numbers(places, digits))
     if clear:
-        assert ul.mesh(*data).polygon.n_sides == 203
+        assert ul.mesh(*points_and_triangles).polygon.n_sides == 203
     else:
         with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
-            ul.mesh(*data)
+            ul.mesh(*points_and_triangles)
 
 
 def test_a_corner_that_rounding_may_hide_is_asked_for(monkeypatch):
@@ -324,25 +324,27 @@ NUMBERS = np.random.default_rng(3).uniform(-1, 1, (40, 2)) * [3.0, 500.0]
 
 @pytest.mark.parametrize("digits", [4, 7, 11, 15])
 def test_the_unit_of_numbers_in_significant_digits_is_that_of_their_last_digit(digits):
-    computed = shorten_numbers(NUMBERS, digits)
-    assert coordinate_rounding.significant_digits(computed) == digits
-    exponents = np.floor(np.log10(np.abs(computed)))
+    shortened = shorten_numbers(NUMBERS, digits)
+    assert coordinate_rounding.significant_digits(shortened) == digits
+    exponents = np.floor(np.log10(np.abs(shortened)))
     np.testing.assert_allclose(
-        coordinate_rounding.rounding_units(computed), 10.0 ** (exponents - digits + 1), rtol=1e-12
+        coordinate_rounding.rounding_units(shortened), 10.0 ** (exponents - digits + 1), rtol=1e-12
     )
-    displaced = np.abs(computed - NUMBERS) - np.spacing(np.abs(computed))
-    assert np.all(displaced <= 0.5 * coordinate_rounding.rounding_units(computed))
+    displaced = np.abs(shortened - NUMBERS) - np.spacing(np.abs(shortened))
+    assert np.all(displaced <= 0.5 * coordinate_rounding.rounding_units(shortened))
 
 
 @pytest.mark.parametrize("offset", [0, 5e6])
 @pytest.mark.parametrize("decimals", [2, 5, 8])
 def test_the_unit_of_decimals_is_that_of_their_last_place(decimals, offset):
     """Also where an offset was subtracted, which leaves round-off behind the last digit."""
-    computed = np.round(NUMBERS + offset, decimals) - offset
+    decimals_behind_offset = np.round(NUMBERS + offset, decimals) - offset
     if offset and decimals == 8:  # as many digits as a double has at that offset
         decimals = 17
     np.testing.assert_allclose(
-        coordinate_rounding.rounding_units(computed), 10.0**-decimals if decimals < 17 else 0, rtol=1e-12
+        coordinate_rounding.rounding_units(decimals_behind_offset),
+        10.0**-decimals if decimals < 17 else 0,
+        rtol=1e-12,
     )
 
 
@@ -352,9 +354,9 @@ def test_the_unit_of_single_precision_is_its_spacing():
 
 
 def test_the_unit_of_single_precision_in_nine_digits_is_at_least_its_spacing():
-    computed = shorten_numbers(NUMBERS.astype(np.float32), 9)
+    shortened = shorten_numbers(NUMBERS.astype(np.float32), 9)
     assert np.all(
-        coordinate_rounding.rounding_units(computed) >= np.spacing(np.abs(computed).astype(np.float32))
+        coordinate_rounding.rounding_units(shortened) >= np.spacing(np.abs(shortened).astype(np.float32))
     )
 
 

@@ -139,11 +139,11 @@ def test_balanced_cells_are_at_most_twice_as_long_as_their_neighbours():
 def test_the_common_refinement_has_the_points_of_all_partitions():
     """Halves and thirds of a side; a point that is another up to round-off adds none."""
     near = from_points(square(), [0, np.nextafter(0.5, 1), 1, 1.5, 2, 2.5, 3, 3.5, 4])
-    computed = common_refinement(
+    refinement = common_refinement(
         [make_uniform_partition(square(), 1 / 3), make_uniform_partition(square(), 1 / 2), near]
     )
     one_side = np.array([0, 1 / 3, 1 / 2, 2 / 3])
-    assert_allclose(computed.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
+    assert_allclose(refinement.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
     assert common_refinement([near]).n_cells == 8
 
 

@@ -327,8 +327,8 @@ def test_copies_and_pickles_are_refined_in_the_same_way(name, way):
             mesh.halvings,
             mesh.coarse.n_nodes,
         )
-        for item in ("points", "triangles", "boundary", "s", "opposite_edges"):
-            np.testing.assert_array_equal(getattr(again, item), getattr(mesh, item))
+        for field in ("points", "triangles", "boundary", "s", "opposite_edges"):
+            np.testing.assert_array_equal(getattr(again, field), getattr(mesh, field))
         for step, other_step in zip(again.steps, mesh.steps, strict=True):
             np.testing.assert_array_equal(step.nodes, other_step.nodes)
             np.testing.assert_array_equal(step.triangles, other_step.triangles)

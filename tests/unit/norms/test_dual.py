@@ -169,7 +169,7 @@ def test_the_norm_is_homogeneous_and_takes_many_at_once():
     bracket = norm.bound_p0(mu)
     assert bracket.lower.shape == bracket.upper.shape == (3,)
     assert_allclose(norm.bound_p0(-2.5 * mu), 2.5 * np.array(bracket), rtol=1e-12)
-    assert_allclose([np.ravel(norm.bound_p0(item[None])) for item in mu], np.transpose(bracket), rtol=1e-12)
+    assert_allclose([np.ravel(norm.bound_p0(row[None])) for row in mu], np.transpose(bracket), rtol=1e-12)
     assert_allclose(norm.bound_p0(np.zeros((1, 16))), 0)
 
 
@@ -190,12 +190,12 @@ def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
     for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
         norm = build_dual_norm(cells, [case])
         means = cell_means(case, cells)
-        for computed in (
+        for bracket in (
             norm.bound_error(case, means.lambda_means[None]),
             norm.gram([case]).error_bounds(0, np.zeros((1, 16))),
         ):
-            assert computed.lower[0] > 0
-            assert np.isfinite(computed.upper[0]) == in_L2
+            assert bracket.lower[0] > 0
+            assert np.isfinite(bracket.upper[0]) == in_L2
         assert (
             np.isfinite(
                 [means.lambda_norm, means.projection_error, means.l2_error(0 * means.lambda_means)]
@@ -233,8 +233,10 @@ def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name, m, rounding
 
 def test_the_forms_of_a_partition_are_its_own():
     norm, _, gram = build_norm_and_gram("square", 4)
-    for computed, data in zip(vars(gram.coarsen(norm.partition)).values(), vars(gram).values(), strict=True):
-        assert_allclose(computed, data, rtol=1e-12, atol=1e-15)
+    for coarse_form, form in zip(
+        vars(gram.coarsen(norm.partition)).values(), vars(gram).values(), strict=True
+    ):
+        assert_allclose(coarse_form, form, rtol=1e-12, atol=1e-15)
 
 
 def test_a_partition_that_is_not_nested_has_no_forms_here():

@@ -222,8 +222,8 @@ def test_the_size_of_a_case_is_that_of_u_and_of_the_gap():
 )
 def test_a_multiplier_is_zero_relative_to_its_case(norm, size, zero):
     """To 1e-12, a thousand times the rounding of cancelling fluxes."""
-    computed = cell_means(load("no_contact"), make_uniform_partition(square(), 1 / 2))
-    assert replace(computed, lambda_norm=norm, data_size=size).lambda_is_zero == zero
+    means = cell_means(load("no_contact"), make_uniform_partition(square(), 1 / 2))
+    assert replace(means, lambda_norm=norm, data_size=size).lambda_is_zero == zero
 
 
 @pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])

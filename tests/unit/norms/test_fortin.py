@@ -225,16 +225,16 @@ def test_extended_hats_are_hats_on_the_boundary_and_decrease_inside(name):
     gaps = np.diff(nodes, append=nodes[0] + period)
     width = np.minimum(gaps, np.roll(gaps, 1))
     distance = np.linalg.norm(mesh.points[:, None] - mesh.points[mesh.boundary], axis=2)[..., None]
-    computed = extend_hats(mesh, nodes).toarray()
+    extended_hats = extend_hats(mesh, nodes).toarray()
     apart = set(map(tuple, np.sort(mesh.triangulation.ends)))
-    assert_allclose(computed[mesh.boundary], hats, rtol=0, atol=1e-13)
+    assert_allclose(extended_hats[mesh.boundary], hats, rtol=0, atol=1e-13)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    assert (computed >= 0).all()
-    assert (computed[inside] <= np.max(hats - distance[inside] / width, axis=1).clip(0) + 1e-13).all()
+    assert (extended_hats >= 0).all()
+    assert (extended_hats[inside] <= np.max(hats - distance[inside] / width, axis=1).clip(0) + 1e-13).all()
     joined = np.array([[tuple(sorted((i, b))) in apart for b in mesh.boundary] for i in inside])
     first = joined.any(axis=1)
     along = np.where(joined[..., None], hats - distance[inside] / width, 0).max(axis=1).clip(0)
-    assert_allclose(computed[inside][first], along[first], rtol=0, atol=1e-13)
+    assert_allclose(extended_hats[inside][first], along[first], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", ["unstructured", "re-entrant"])

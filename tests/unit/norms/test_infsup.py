@@ -75,11 +75,11 @@ def test_beta_grows_along_nested_spaces_to_1(polygon):
     """
     mesh = make_structured_mesh(find_polygon(polygon), 1 / 4)
     cells = uniform(polygon, 3)
-    computed = []
+    constants = []
     for _ in range(4):
-        computed.append(infsup_constants(operator(mesh, cells), gram(cells)))
+        constants.append(infsup_constants(operator(mesh, cells), gram(cells)))
         mesh = meshes.refine_uniformly(mesh)
-    lower, upper, beta_0 = np.array(computed).T
+    lower, upper, beta_0 = np.array(constants).T
     for values in (lower, upper, beta_0):
         assert np.all(np.diff(values) >= -1e-12)
     assert np.all(lower <= upper)

@@ -52,10 +52,12 @@ def test_the_form_is_that_of_single_functions():
 
 def test_a_constant_of_an_arc_is_an_unknown(monkeypatch):
     """Control: with the flux through a clamped side held at 0 the upper bound is far too large."""
-    item = least_fluxes.CondensedEnergy.from_matrix.__func__
+    from_matrix = least_fluxes.CondensedEnergy.from_matrix.__func__
 
     def clamp_jumps(cls, matrix, clamped_values, rank):
-        return item(cls, matrix, np.append(clamped_values.ravel(), np.flatnonzero(np.isinf(rank))), rank)
+        return from_matrix(
+            cls, matrix, np.append(clamped_values.ravel(), np.flatnonzero(np.isinf(rank))), rank
+        )
 
     monkeypatch.setattr(least_fluxes.CondensedEnergy, "from_matrix", classmethod(clamp_jumps))
     assert squares(make_uniform_partition(square(), 1 / 4), (0, 2), {1: 1.0})[1] > 1.5 * ACROSS

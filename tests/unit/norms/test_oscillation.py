@@ -134,8 +134,8 @@ def test_payne_and_weinberger_alone_would_be_too_small():
 def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
     mesh = make_structured_mesh(square(), 1.0)
-    computed = trace_constants(mesh)
-    np.testing.assert_allclose(computed, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
+    edge_constants = trace_constants(mesh)
+    np.testing.assert_allclose(edge_constants, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
 
 
 @pytest.mark.parametrize("form", [H1, Form(4.0, 9.0), Form(1.0, 1e3)])
@@ -162,10 +162,10 @@ def test_on_every_edge_the_smaller_constant_counts(form):
     """Those of |v|_1 are divided by k; for a layer much thinner than edges that of ||v||_T is smaller."""
     mesh = make_structured_mesh(square(), 1 / 8)
     squares = np.eye(32)[:, 3:4]
-    (computed,) = oscillation_bound(mesh, squares, form=form)
+    (bound,) = oscillation_bound(mesh, squares, form=form)
     values = np.sqrt(value_constants(mesh, form)[3])
-    assert computed == pytest.approx(min(values, np.sqrt(SQUARE_CONSTANT / 8 / 5.0)))
-    assert (computed == values) == (form.c > 0)
+    assert bound == pytest.approx(min(values, np.sqrt(SQUARE_CONSTANT / 8 / 5.0)))
+    assert (bound == values) == (form.c > 0)
 
 
 def lie_in_squares(mesh, points):

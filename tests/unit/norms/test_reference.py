@@ -38,11 +38,11 @@ def facets_of(scikit_mesh, mesh):
     boundary = scikit_mesh.boundary_facets()
     start = mesh.points[mesh.boundary]
     middle = 0.5 * (start + np.roll(start, -1, axis=0))
-    distance, computed = cKDTree(scikit_mesh.p[:, scikit_mesh.facets[:, boundary]].mean(axis=1).T).query(
+    distance, nearest = cKDTree(scikit_mesh.p[:, scikit_mesh.facets[:, boundary]].mean(axis=1).T).query(
         middle
     )
     assert distance.max() < 1e-12
-    return boundary[computed]
+    return boundary[nearest]
 
 
 def trace_basis(scikit_mesh, mesh, element, position):

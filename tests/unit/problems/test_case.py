@@ -193,9 +193,11 @@ def test_crossings_of_curves_with_sides_are_those_by_hand(kink, crossings, size)
     """By hand, as fractions of the sides of the square; a curve along a side or through a vertex is on it."""
     centre = (size * kink.centre[0], size * kink.centre[1])
     large = Kink(centre, size * kink.radius, kink.tangent)
-    computed = large.crossings(Polygon(size * square().vertices))
-    assert sorted((p.side, p.t) for p in computed) == [(side, pytest.approx(t)) for side, t in crossings]
-    assert {p.grading for p in computed} <= {1}
+    singular_points = large.crossings(Polygon(size * square().vertices))
+    assert sorted((p.side, p.t) for p in singular_points) == [
+        (side, pytest.approx(t)) for side, t in crossings
+    ]
+    assert {p.grading for p in singular_points} <= {1}
 
 
 TEST_FUNCTIONS = ("1", "x", "y", "x*y", "cos(3*x + y)")

@@ -316,8 +316,8 @@ def deviations(name, polygon, times=1.0, numbers=8):
 
 @pytest.mark.parametrize(("name", "polygon"), PLACES)
 def test_what_is_derived_is_what_sympy_derives(name, polygon):
-    computed = deviations(name, find_polygon(polygon))
-    assert max(computed.values()) < ROUNDING, computed
+    largest_deviations = deviations(name, find_polygon(polygon))
+    assert max(largest_deviations.values()) < ROUNDING, largest_deviations
 
 
 @pytest.mark.parametrize("name", ["thirds", "smooth", "clamped_90"])
@@ -329,5 +329,5 @@ def test_the_size_of_the_side_is_known_to_the_derivation(name):
 @pytest.mark.parametrize("name", ["thirds", "smooth", "full_contact", "violates_jjj"])
 def test_a_deviation_of_1e_10_is_noticed(name):
     """Control."""
-    computed = deviations(name, square(), times=1 + 1e-10)
-    assert min(computed["u"], computed["grad u"], computed["f"]) > 10 * ROUNDING
+    largest_deviations = deviations(name, square(), times=1 + 1e-10)
+    assert min(largest_deviations["u"], largest_deviations["grad u"], largest_deviations["f"]) > 10 * ROUNDING

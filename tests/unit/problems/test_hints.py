@@ -150,7 +150,7 @@ def test_every_text_that_says_what_to_write_was_tried(message):
     assert sorted(text for text in texts - CASES if not re.search(text, report)) == []
     typed = " ".join(IN_F)
     assert [
-        item for item in (*grammar.FUNCTION_SUBSTITUTES, *grammar.LETTER_SUBSTITUTES) if item not in typed
+        word for word in (*grammar.FUNCTION_SUBSTITUTES, *grammar.LETTER_SUBSTITUTES) if word not in typed
     ] == []
 
 

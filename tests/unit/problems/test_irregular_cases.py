@@ -105,10 +105,10 @@ def test_an_atom_at_a_vertex_has_its_trace_on_a_side_of_another_length():
 
 def test_polar_atoms_are_singular_at_their_centre_and_at_the_ends_of_their_cutoff():
     """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
-    computed = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
-    assert computed == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
-    computed = {(p.side, p.t, p.grading) for p in polar("held").singular_points() if p.t >= 0}
-    assert computed == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
+    singular_points = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
+    assert singular_points == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
+    singular_points = {(p.side, p.t, p.grading) for p in polar("held").singular_points() if p.t >= 0}
+    assert singular_points == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
 
 
 @pytest.mark.parametrize("displaced", [1e-17, 0.0, -0.0, -1e-17])

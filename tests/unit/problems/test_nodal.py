@@ -108,11 +108,11 @@ def draw_kinked_values(seed, n):
 
 def prolong_values(mesh, values, finer):
     """The same functions at the nodes of a mesh that was refined, each of them the middle of an edge."""
-    computed = np.zeros(finer.n_nodes)
-    computed[: mesh.n_nodes] = values
+    prolonged = np.zeros(finer.n_nodes)
+    prolonged[: mesh.n_nodes] = values
     for step in finer.steps[len(mesh.steps) :]:
-        computed[step.n_old_nodes : step.n_old_nodes + len(step.ends)] = computed[step.ends].mean(axis=1)
-    return computed
+        prolonged[step.n_old_nodes : step.n_old_nodes + len(step.ends)] = prolonged[step.ends].mean(axis=1)
+    return prolonged
 
 
 @pytest.mark.parametrize("data", COEFFICIENTS)
@@ -183,7 +183,7 @@ def test_the_model_of_a_trace_contains_its_values():
     model = NodalTrace(t, values).value_model(
         affine_model(monomial_basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
     )
-    exact = [[Fraction(x) for x in item.tolist()] for item in (t, values)]
+    exact = [[Fraction(x) for x in numbers.tolist()] for numbers in (t, values)]
     for i in range(7):
         for sigma in (Fraction(-1), Fraction(1), Fraction(rng.uniform(-1, 1))):
             place = (exact[0][i] + exact[0][i + 1]) / 2 + sigma * (exact[0][i + 1] - exact[0][i]) / 2

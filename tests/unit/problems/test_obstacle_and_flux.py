@@ -112,17 +112,17 @@ OF_G = [
 @pytest.mark.parametrize("text", OF_G)
 def test_g_is_within_its_doubt_of_the_polynomials(text):
     """At random points and next to every end of a piece, with 40 digits; the doubt is near round-off."""
-    computed = g_on_bottom(text)
-    inner = computed.points[(computed.points > 0) & (computed.points < 1)]
+    constraint = g_on_bottom(text)
+    inner = constraint.points[(constraint.points > 0) & (constraint.points < 1)]
     s = np.concatenate([np.random.default_rng(1).random(200), inner[:100] - 1e-12, inner[:100] + 1e-12])
-    piece = computed.find_pieces(s)
-    p, _ = computed.evaluate(piece, s)
+    piece = constraint.find_pieces(s)
+    p, _ = constraint.evaluate(piece, s)
     g = beyond(parse_formula(text, ("t",), "here"), T, s, p)
-    assert np.all(np.abs(g) <= computed.remainder[piece] + 1e-15 * np.abs(p))
-    assert np.all((computed.lower[piece] <= g + p + 1e-9) & (g + p - 1e-9 <= computed.upper[piece]))
+    assert np.all(np.abs(g) <= constraint.remainder[piece] + 1e-15 * np.abs(p))
+    assert np.all((constraint.lower[piece] <= g + p + 1e-9) & (g + p - 1e-9 <= constraint.upper[piece]))
     spread = max(np.ptp(p), np.abs(p).max() * 1e-3)
-    assert computed.remainder.max() <= 1e-9 * spread
-    assert len(computed.remainder) <= 1500
+    assert constraint.remainder.max() <= 1e-9 * spread
+    assert len(constraint.remainder) <= 1500
 
 
 U_AND_SLOPE = [("sin(20*t)", "20*cos(20*t)"), ("exp(t) + 1e6*t**7", "exp(t) + 7e6*t**6"), ("1/3", "0")]
@@ -146,19 +146,19 @@ def off(u, text, length):
     """(k,) how far the derivatives of the polynomials are from that of u at places inside the pieces."""
     t = sympy.Symbol("t")
     slope = sympy.lambdify(t, sympy.diff(sympy.sympify(text, rational=True), t), "mpmath")
-    computed = []
+    errors = []
     for k in np.flatnonzero(u.side == 0):
         start, end = u.points[k : k + 2]
         half = (mpmath.mpf(end) - start) / 2
         powers = u.c[:, k].tolist()
-        computed.append(
+        errors.append(
             max(
                 abs(sum(n * c * x ** (n - 1) for n, c in enumerate(powers) if n) / half - slope(s) / length)
                 for x in map(mpmath.mpf, (-0.875, -0.25, 0.375, 0.9375))
                 for s in [(start + half * (1 + x)) / length]
             )
         )
-    return np.array(computed, dtype=float)
+    return np.array(errors, dtype=float)
 
 
 @pytest.mark.parametrize("length", [1.0, 8.0])
@@ -359,9 +359,9 @@ def test_a_flux_into_the_domain_leaves_sides_idle_and_one_out_of_it_does_not():
 def test_a_function_is_known_as_well_as_its_own_side_asks_for():
     """sin(40 x) beside a side with -1e9. Control: to 1e-12 of that it was known to a thousandth only."""
     sides = [parse_formula(text, ("x", "y"), "here") for text in ("sin(40*x)", "0", "-1e9", "0")]
-    for data in (
+    for flux in (
         Problem("here", square(), ZERO, tuple(sides), (1, 3), clamped_sides=(0,)).enclosed_obstacle,
         Problem("here", square(), ZERO, (ZERO,) * 4, (0, 1, 2, 3), q=tuple(sides)).enclosed_flux,
     ):
-        assert data.remainder[data.side == 0].max() < 1e-11
-        assert data.remainder[data.side == 2].max() < 1e-11 * 1e9
+        assert flux.remainder[flux.side == 0].max() < 1e-11
+        assert flux.remainder[flux.side == 2].max() < 1e-11 * 1e9

@@ -175,16 +175,16 @@ NEAR_0 = [
 @pytest.mark.parametrize(("remaining", "right", "f_left", "f_right"), NEAR_0)
 def test_numbers_that_cancel_at_a_vertex_are_rounded_like_their_terms(remaining, right, f_left, f_right):
     """At (1, 0); sin(pi) is 1.2e-16 to NumPy. Control: ten times the rounding more is a jump."""
-    data = {"f": 0, "free_sides": [2, 3]}
+    remaining_data = {"f": 0, "free_sides": [2, 3]}
     if "pos" not in remaining:
-        ul.Problem(square(), g=[remaining, right, None, None], **data)
-        ul.Problem(square(), u={0: remaining, 1: right}, g=[None] * 4, **data)
+        ul.Problem(square(), g=[remaining, right, None, None], **remaining_data)
+        ul.Problem(square(), u={0: remaining, 1: right}, g=[None] * 4, **remaining_data)
         with sentences.raises(ul.InputError):
-            ul.Problem(square(), g=[remaining, f"{right} + 1e-6", None, None], **data)
+            ul.Problem(square(), g=[remaining, f"{right} + 1e-6", None, None], **remaining_data)
     if f_left:
-        ul.Problem(MESH, g=[f_left, f_right, None, None], **data)
+        ul.Problem(MESH, g=[f_left, f_right, None, None], **remaining_data)
         with sentences.raises(ul.InputError):
-            ul.Problem(MESH, g=[f_left, f_right + 1e-6, None, None], **data)
+            ul.Problem(MESH, g=[f_left, f_right + 1e-6, None, None], **remaining_data)
 
 
 @pytest.mark.parametrize("n", [4, 300])
@@ -268,8 +268,8 @@ STEEP = "tanh({}*(y - 1))"
 )
 def test_no_bound_is_finite_where_rounding_hides_a_jump(slope, u, finite):
     """u = 1 at the vertex is 1 off, which no u in H^1 is. Control: a slope of 1e5 leaves enough digits."""
-    data = {1: STEEP.format(slope), 2: u}
-    s = ul.solve(ul.Problem(UNIT, 0, [-9, None, None, -9], u=data), h=1 / 4, H=1 / 2)
+    clamped_values = {1: STEEP.format(slope), 2: u}
+    s = ul.solve(ul.Problem(UNIT, 0, [-9, None, None, -9], u=clamped_values), h=1 / 4, H=1 / 2)
     assert math.isfinite(s.bounds.u) == math.isfinite(s.bounds.multiplier) == finite
     assert ("guaranteed" in repr(s.bounds)) == finite
 
@@ -316,11 +316,11 @@ def test_no_obstacle_is_dropped():
     refused = 0
     for _ in range(DRAWS):
         kinds = rng.choice([CLAMPED, CONTACT, FREE], size=4).tolist()
-        data = [kind == CONTACT for kind in kinds]
+        obstacle_given = [kind == CONTACT for kind in kinds]
         wrong = int(rng.integers(4)) if rng.random() < 0.5 else None
         if wrong is not None:
-            data[wrong] = not data[wrong]
-        g = [entry(rng, item) for item in data]
+            obstacle_given[wrong] = not obstacle_given[wrong]
+        g = [entry(rng, has_obstacle) for has_obstacle in obstacle_given]
         sides = {kind: [i for i in range(4) if kinds[i] == kind] for kind in (CLAMPED, CONTACT, FREE)}
         options = {"free_sides": sides[FREE], "u": dict.fromkeys(sides[CLAMPED], 0.0)}
         if wrong is None:

@@ -143,8 +143,8 @@ def collect_values(value, calls):
         if isinstance(value, list | tuple)
         else []
     )
-    for item in [*inner, *vars(value).values()] if hasattr(value, "__dict__") else inner:
-        collect_values(item, calls)
+    for member in [*inner, *vars(value).values()] if hasattr(value, "__dict__") else inner:
+        collect_values(member, calls)
 
 
 @pytest.mark.parametrize("name", ["case", "multigrid", "accuracy"])
@@ -157,10 +157,10 @@ def test_a_solution_holds_no_solver(name):
     forbidden = (DiscreteProblem, CondensedMatrix, DualOperator)
     assert any(isinstance(value, DiscreteSolution) for value in alive.values())
     assert not [value for value in alive.values() if isinstance(value, forbidden)]
-    assert [item for item in solver.values() if isinstance(item, forbidden)]
+    assert [attribute for attribute in solver.values() if isinstance(attribute, forbidden)]
     modules = {type(value).__module__.partition(".")[0] for value in alive.values()}
     assert "scipy" not in modules
-    assert "scipy" in {type(item).__module__.partition(".")[0] for item in solver.values()}
+    assert "scipy" in {type(attribute).__module__.partition(".")[0] for attribute in solver.values()}
 
 
 def test_withdrawn_bounds_stay_withdrawn(monkeypatch):

@@ -29,8 +29,8 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 @pytest.fixture(scope="module")
 def solution():
     """With contact, a gap and free sides on which a flux is given."""
-    data = {"g": ["x/10 - 1/10", None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
-    return ul.solve(ul.Problem(SQUARE, f=-1, name="a <b>bold<b> & plain", **data), accuracy=0.1)
+    side_data = {"g": ["x/10 - 1/10", None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
+    return ul.solve(ul.Problem(SQUARE, f=-1, name="a <b>bold<b> & plain", **side_data), accuracy=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -43,18 +43,18 @@ def page(solution, tmp_path_factory):
 def data(path, name):
     """What the file holds of a picture."""
     text = path.read_text(encoding="utf-8")
-    (computed,) = re.findall(
+    (json_text,) = re.findall(
         rf'<script type="application/json" id="{name}-data">(.*?)</script>', text, re.DOTALL
     )
-    return json.loads(computed)
+    return json.loads(json_text)
 
 
 def traces(path, name):
     """The traces of a picture in the file, by their names, with plain arrays."""
-    computed = data(path, name)["data"]
+    traces_of_picture = data(path, name)["data"]
     return {
         trace.get("name", trace["type"]): {key: array(value) for key, value in trace.items()}
-        for trace in computed
+        for trace in traces_of_picture
     }
 
 

@@ -75,8 +75,8 @@ def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration
     s = ul.solve(ul.Problem(SQUARE, f=-10, g=g, free_sides=free), **SIZES, stop=ul.Stop(tolerance=1e-2))
     assert np.nanmin(s.gap) < -1e-5
     gap = s.plot().axes[2]
-    data = gap.patches[0].get_data().values
-    assert np.all(data[np.isfinite(s.gap)] == 0)
+    drawn_values = gap.patches[0].get_data().values
+    assert np.all(drawn_values[np.isfinite(s.gap)] == 0)
     assert gap.texts[0].get_text() == f"in contact {message}"
     assert gap.get_yticks().tolist() == [0]
 
@@ -161,8 +161,8 @@ def test_the_lengths_of_edges_take_the_place_of_a_mesh_that_would_be_grey(adapte
 
 def test_free_sides_are_marked_and_their_flux_is_drawn():
     """By hand: q = 4 y has the means 0.25, 0.75, ... on side 1, which H cuts in eight; q = -3 on side 3."""
-    data = {"g": [0, None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
-    s = ul.solve(ul.Problem(SQUARE, f="-1", **data), h=1 / 16, H=1 / 8)
+    side_data = {"g": [0, None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
+    s = ul.solve(ul.Problem(SQUARE, f="-1", **side_data), h=1 / 16, H=1 / 8)
     top, above, below = s.plot().axes
     patches = next(patch for patch in above.patches if patch.get_label() == "given flux q")
     means = np.full(32, np.nan)
@@ -173,15 +173,15 @@ def test_free_sides_are_marked_and_their_flux_is_drawn():
     assert [text.get_text() for text in below.texts] == ["free", "free"]
     dashed = [lines for lines in top.collections if lines.get_linestyle()[0][1] is not None]
     assert [len(lines.get_segments()) for lines in dashed] == [2]
-    units = ul.solve(ul.Problem(SQUARE, f="-1", k=3, c=5, **data), h=1 / 16, H=1 / 8)
+    units = ul.solve(ul.Problem(SQUARE, f="-1", k=3, c=5, **side_data), h=1 / 16, H=1 / 8)
     drawn = next(patch for patch in units.plot().axes[1].patches if patch.get_label() == "given flux q")
     np.testing.assert_allclose(drawn.get_data().values, means, rtol=1e-12)
 
 
 def test_a_flux_that_is_a_function_is_drawn():
     """By hand: q = y in the middle of the cells of side 1."""
-    data = {"g": [0, None, 0, 0], "free_sides": [1], "q": [None, lambda x, y: y, None, None]}
-    s = ul.solve(ul.Problem(SQUARE, f=-1, **data), **SIZES)
+    side_data = {"g": [0, None, 0, 0], "free_sides": [1], "q": [None, lambda x, y: y, None, None]}
+    s = ul.solve(ul.Problem(SQUARE, f=-1, **side_data), **SIZES)
     patches = next(patch for patch in s.plot().axes[1].patches if patch.get_label() == "given flux q")
     np.testing.assert_allclose(patches.get_data().values[8:16], np.arange(1 / 16, 1, 1 / 8), rtol=1e-12)
 
@@ -277,15 +277,15 @@ def ink(s, outside):
     canvas = FigureCanvasAgg(page)
     canvas.draw()
     black = np.asarray(canvas.buffer_rgba())[::-1, :, :3].max(axis=2) < 64
-    computed = []
+    dark_pixels = []
     polygon = s.polygon
     for side in range(polygon.n_sides):
         s_ = np.linspace(0.05, 0.95, 400) * polygon.lengths[side]
         points = polygon.at(np.full(len(s_), side), s_)
         away = [points + share * outside * polygon.normals[side] for share in (0.5, 0.75, 1.0)]
         x, y = axes.transData.transform(np.concatenate(away)).astype(int).T
-        computed.append(int(black[y, x].sum()))
-    return np.array(computed)
+        dark_pixels.append(int(black[y, x].sum()))
+    return np.array(dark_pixels)
 
 
 def test_clamped_sides_are_hatched_outside(half_clamped_solution):

@@ -75,11 +75,11 @@ def test_points_beside_the_boundary_are_on_it_or_outside(shelter):
 
 def test_lambda_along_a_side_is_that_of_its_cells(shelter):
     """The values of the cells that `cells` lists; NaN beyond the ends."""
-    item = shelter.cells().query("side == 1")
-    starts = item["start"].to_numpy() - shelter.mesh.polygon.starts[1]
-    np.testing.assert_array_equal(shelter.lambda_at(1, starts), item["multiplier"])
+    cells_of_side = shelter.cells().query("side == 1")
+    starts = cells_of_side["start"].to_numpy() - shelter.mesh.polygon.starts[1]
+    np.testing.assert_array_equal(shelter.lambda_at(1, starts), cells_of_side["multiplier"])
     end = shelter.mesh.polygon.lengths[1]
-    assert shelter.lambda_at(1, end) == item["multiplier"].iloc[-1]
+    assert shelter.lambda_at(1, end) == cells_of_side["multiplier"].iloc[-1]
     assert np.isnan(shelter.lambda_at(1, [-0.1, end + 0.1])).all()
 
 
@@ -160,7 +160,7 @@ def test_the_certificate_is_a_file(tmp_path):
     assert document["versions"]["unilateral"] == ul.__version__
     certificate = single_solution.certificate()
     assert (certificate["goal"], certificate["certified"], certificate["levels"]) == (None, False, [])
-    assert [item[key] for item in (document, certificate) for key in ("ended", "reach")] == [None] * 4
+    assert [record[key] for record in (document, certificate) for key in ("ended", "reach")] == [None] * 4
 
 
 def test_values_and_gradients_are_those_of_scikit_fem(shelter):
@@ -230,8 +230,15 @@ def test_the_flux_is_balanced(k):
     Here H = 2h, so lambda_H is constant on edges, and q is linear. As c is not 0, q.n may be less than
     lambda_H, by at most a part of (c |e|^2 / (EDGE_BALANCE k))^2.
     """
-    data = {"f": "1 - 3*x", "g": ["-x*y/2", 0, None, 0], "free_sides": [2], "q": "x - 2", "k": k, "c": "1/4"}
-    s = ul.solve(ul.Problem(SQUARE, **data), **SIZES)
+    fields = {
+        "f": "1 - 3*x",
+        "g": ["-x*y/2", 0, None, 0],
+        "free_sides": [2],
+        "q": "x - 2",
+        "k": k,
+        "c": "1/4",
+    }
+    s = ul.solve(ul.Problem(SQUARE, **fields), **SIZES)
     mesh = s.mesh
     triangulation = s.mesh.triangulation
     smaller = (0.25 * SIZES["h"] ** 2 / (EDGE_REACTION_RATIO * k)) ** 2
@@ -268,7 +275,7 @@ def rows_of_needles(n):
     y = np.repeat(np.linspace(0, 1, n + 1), 2)
     points = np.column_stack([np.tile([0.0, 1.0], n + 1), y])
     i = 2 * np.arange(n)
-    triangles = [np.stack(item, axis=1) for item in ((i, i + 1, i + 3), (i, i + 3, i + 2))]
+    triangles = [np.stack(corners, axis=1) for corners in ((i, i + 1, i + 3), (i, i + 3, i + 2))]
     return ul.mesh(points, np.concatenate(triangles), polygon=square())
 
 

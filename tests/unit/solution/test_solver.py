@@ -39,11 +39,11 @@ COUNTED = {
 @pytest.fixture
 def counts(monkeypatch):
     """How often each of the expensive steps is taken."""
-    computed = dict.fromkeys(COUNTED, 0)
+    call_counts = dict.fromkeys(COUNTED, 0)
 
     def counting(name, function):
         def count_calls(*arguments, **named):
-            computed[name] += 1
+            call_counts[name] += 1
             return function(*arguments, **named)
 
         return count_calls
@@ -53,7 +53,7 @@ def counts(monkeypatch):
             monkeypatch.setitem(module, attribute, counting(name, module[attribute]))
         else:
             monkeypatch.setattr(module, attribute, counting(name, getattr(module, attribute)))
-    return computed
+    return call_counts
 
 
 def same(a, b):
@@ -117,8 +117,8 @@ def test_coefficients_free_sides_and_a_flux_stay():
     fields = {"k": "2/3", "c": 5, "free_sides": [1], "q": "y"}
     solver = ul.Solver(SQUARE, h=1 / 16, H=1 / 8, **fields)
     for f, g, q in (("-1", 0, "y"), ("-1", "-x*y", "1 - y"), (lambda x, y: x - 1, 0, "y")):
-        computed = solver(f, g) if q == "y" else solver(f, g, q)
-        same(computed, ul.solve(ul.Problem(SQUARE, f, g, **fields | {"q": q}), h=1 / 16, H=1 / 8))
+        solution = solver(f, g) if q == "y" else solver(f, g, q)
+        same(solution, ul.solve(ul.Problem(SQUARE, f, g, **fields | {"q": q}), h=1 / 16, H=1 / 8))
 
 
 def test_a_case_is_solved_with_its_errors_and_lends_its_polygon():
@@ -147,7 +147,7 @@ def test_warnings_point_to_the_call():
     few = ul.Solver("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
     with pytest.warns(ul.SolutionWarning, match="did not converge") as warnings:
         few()
-    assert [item.filename for item in warnings] == [__file__]
+    assert [warning.filename for warning in warnings] == [__file__]
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_a_problem_that_was_made_of_a_mesh_is_solved_on_that():
     problem = ul.Problem(mesh, -1, 0)
     assert ul.solve(problem, H=1 / 4).mesh is mesh
     other_mesh = ul.mesh(mesh, halvings=1)
-    for data, message in (
+    for arguments, message in (
         ({"H": 1 / 4, "mesh": other_mesh}, "was made of a mesh and is solved on it; leave mesh out"),
         ({"h": 1 / 8, "H": 1 / 4}, "the mesh is given; leave h out"),
         (
@@ -184,4 +184,4 @@ def test_a_problem_that_was_made_of_a_mesh_is_solved_on_that():
         ),
     ):
         with pytest.raises(ul.InputError, match=message):
-            ul.solve(problem, **data)
+            ul.solve(problem, **arguments)

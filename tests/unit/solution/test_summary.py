@@ -85,7 +85,7 @@ def test_the_sum_of_all_forces_is_shown_wherever_forces_are(name, exact, run, tm
 
 def test_all_that_users_meet_prints_little(cog, functions):
     """At most 400 characters; control: what a mesh holds has many more."""
-    data = [ul.case("natural"), functions, cog.problem, ul.load(ROOT / "examples/plate.yaml"), ul.Stop()]
+    problems = [ul.case("natural"), functions, cog.problem, ul.load(ROOT / "examples/plate.yaml"), ul.Stop()]
     components = [
         cog,
         cog.mesh,
@@ -99,15 +99,15 @@ def test_all_that_users_meet_prints_little(cog, functions):
     ]
     components += [cog.solved, cog.search.best, cog.forces(), cog.forces().whole]
     components += cog.contact.intervals[:1]
-    for item in [*data, *components, ul.solve("natural", **SIZES).errors]:
-        assert 15 < len(repr(item)) < 400
-        assert "array(" not in repr(item)
+    for thing in [*problems, *components, ul.solve("natural", **SIZES).errors]:
+        assert 15 < len(repr(thing)) < 400
+        assert "array(" not in repr(thing)
     assert len(repr(vars(cog.mesh))) > 1000
 
 
 def test_problems_print_their_fields(functions):
-    data = {"f": "x - 1", "g": ["-x", -1, None, 0], "free_sides": [2], "q": 3, "k": "1/3"}
-    assert repr(ul.Problem(SQUARE, **data, name="mine")) == (
+    fields = {"f": "x - 1", "g": ["-x", -1, None, 0], "free_sides": [2], "q": 3, "k": "1/3"}
+    assert repr(ul.Problem(SQUARE, **fields, name="mine")) == (
         "Problem 'mine'; polygon = 4 sides, area 1, f = x - 1, g = [-x, -1, 0], k = 1/3, "
         "free sides = 2, q = 3"
     )

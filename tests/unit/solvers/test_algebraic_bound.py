@@ -230,16 +230,18 @@ def test_the_default_stop_is_a_hundredth_of_the_bound_or_what_rounding_leaves(
     f: str, g: str, hidden: bool
 ) -> None:
     """A tolerance that rounding hides is not reached, and the solution says so."""
-    data = ul.Problem(SQUARE, f, g=g)
+    problem_with_sum = ul.Problem(SQUARE, f, g=g)
     sizes = {"h": 1 / 16, "H": 1 / 8}
-    solution = ul.solve(data, **sizes)
+    solution = ul.solve(problem_with_sum, **sizes)
     result = solution.solved.result
     expected = 0.01 * solution.bounds.u
     assert solution.converged
     assert result.bound <= max(expected, 2 * result.rounding)
     assert (result.bound > expected) == hidden
     with pytest.warns(ul.SolutionWarning, match="did not converge"):
-        assert not ul.solve(data, **sizes, stop=ul.Stop(tolerance=1e-3 * result.rounding)).converged
+        assert not ul.solve(
+            problem_with_sum, **sizes, stop=ul.Stop(tolerance=1e-3 * result.rounding)
+        ).converged
 
 
 def root(P: float, linear: float) -> float:

@@ -341,12 +341,14 @@ def iterations(result: MultigridResult) -> int:
 
 
 def test_iterations_do_not_grow_with_the_mesh() -> None:
-    computed = [[solve_on_squares(n, zones) for zones in (1, 37)] for n in (16, 32, 64, 128, 256)]
-    first, many = np.array([[iterations(item) for item in results] for results in computed]).T
+    results_by_size = [[solve_on_squares(n, zones) for zones in (1, 37)] for n in (16, 32, 64, 128, 256)]
+    first, many = np.array([[iterations(result) for result in results] for results in results_by_size]).T
     assert first.max() <= 12
-    assert max(results[0].iteration_counts[-1][1] for results in (computed[0], computed[-1])) <= 9
+    assert (
+        max(results[0].iteration_counts[-1][1] for results in (results_by_size[0], results_by_size[-1])) <= 9
+    )
     assert np.all(many <= 3 * first)
-    assert len(computed[-1][1].iteration_counts) <= 30
+    assert len(results_by_size[-1][1].iteration_counts) <= 30
 
 
 @cache
@@ -359,12 +361,12 @@ def deep(times: int) -> MultigridResult:
 @pytest.mark.parametrize("times", [10, 20, 30])
 def test_iterations_do_not_grow_with_the_depth(times: int) -> None:
     """The eigenvalues stay away from 0."""
-    computed = deep(times)
-    assert computed.converged
-    assert ritz(computed)[0] > 0.3
-    assert np.all(ritz(computed) <= 1 + 1e-9)
-    assert computed.iteration_counts[-1][1] <= deep(10).iteration_counts[-1][1] + 2
-    assert computed.iteration_counts[-1][0] >= times
+    result = deep(times)
+    assert result.converged
+    assert ritz(result)[0] > 0.3
+    assert np.all(ritz(result) <= 1 + 1e-9)
+    assert result.iteration_counts[-1][1] <= deep(10).iteration_counts[-1][1] + 2
+    assert result.iteration_counts[-1][0] >= times
 
 
 def test_iterations_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -331,9 +331,9 @@ def test_a_tiny_rho_gives_no_false_guarantee(rho):
 def test_bad_input_is_refused(arguments):
     """What has to do with the method alone, only by that."""
     dual_operator = operator(8, 2)
-    data = {"offset": np.ones(16), "tolerance": 1e-8, **arguments}
+    all_arguments = {"offset": np.ones(16), "tolerance": 1e-8, **arguments}
     with sentences.raises(InputError):
-        uzawa(dual_operator, **data)
-    if "rho" not in data:
+        uzawa(dual_operator, **all_arguments)
+    if "rho" not in all_arguments:
         with sentences.raises(InputError):
-            solve_by_active_set(dual_operator, **data)
+            solve_by_active_set(dual_operator, **all_arguments)

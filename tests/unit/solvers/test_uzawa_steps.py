@@ -23,12 +23,12 @@ def objective(y):
 def iterates(step, count):
     """(count, 3) of the loop, which tells F = S y + b only."""
     y = START.copy()
-    computed = []
+    vectors = []
     for _ in range(count):
         F = S @ y + B
         step(y, F, np.minimum(y, F))
-        computed.append(y.copy())
-    return np.array(computed)
+        vectors.append(y.copy())
+    return np.array(vectors)
 
 
 def momentum(restarts, rho):

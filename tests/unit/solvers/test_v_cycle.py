@@ -38,14 +38,14 @@ def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
     """(T P)^T A (T P) and so on, from the finest level down."""
     hierarchy = make_hierarchy(mesh).of
     S = hierarchy.A.toarray()
-    computed = []
+    matrices = []
     S[choose_fixed_nodes(mesh, case)] = 0
     S[:, choose_fixed_nodes(mesh, case)] = 0
     for level in hierarchy.levels[::-1]:
         P = prolongation(level).toarray()
         S = P.T @ S @ P
-        computed.append(S)
-    return computed
+        matrices.append(S)
+    return matrices
 
 
 def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
@@ -95,8 +95,8 @@ def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
     before = [level.rows.data.copy() for level in hierarchy.levels[:-1]]
     TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, "the boundary"))
     assert all(
-        np.array_equal(level.rows.data, data)
-        for level, data in zip(hierarchy.levels[:-1], before, strict=True)
+        np.array_equal(level.rows.data, entries)
+        for level, entries in zip(hierarchy.levels[:-1], before, strict=True)
     )
 
 

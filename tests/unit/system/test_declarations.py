@@ -48,9 +48,9 @@ def read(tmp_path):
 )
 def test_plain_scalars_are_what_they_look_like(read, text, value):
     """As a value, in a list and as the name of a field, which always is a text."""
-    computed = read(f"a: {text}\nb: [{text}]\n")
-    assert computed == {"a": value, "b": [value] if text else []}
-    assert type(computed["a"]) is type(value)
+    document = read(f"a: {text}\nb: [{text}]\n")
+    assert document == {"a": value, "b": [value] if text else []}
+    assert type(document["a"]) is type(value)
     if text.isalnum() and len(text) < 1000:
         assert read(f"{text}: 1") == {text: 1}
 

@@ -258,7 +258,7 @@ def test_a_link_stays_and_the_file_behind_it_is_replaced(tmp_path, name):
     WRITERS[name](link)
     assert link.is_symlink()
     assert behind.read_bytes() == first
-    assert {item.name for item in tmp_path.rglob("*")} == {"elsewhere", "data", name}
+    assert {path.name for path in tmp_path.rglob("*")} == {"elsewhere", "data", name}
     behind.chmod(0o444)
     with sentences.raises(InputError):
         WRITERS[name](link)

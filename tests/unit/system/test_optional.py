@@ -28,14 +28,14 @@ def canonical(name):
 def list_required(entries, extra=""):
     """The names of what these requirements ask for here."""
     names = set()
-    for item in map(Requirement, entries):
-        if item.marker is None or item.marker.evaluate({"extra": extra}):
+    for requirement in map(Requirement, entries):
+        if requirement.marker is None or requirement.marker.evaluate({"extra": extra}):
             original = (
-                [list_required(EXTRAS[extra_name]) for extra_name in item.extras]
-                if item.name == "unilateral"
+                [list_required(EXTRAS[extra_name]) for extra_name in requirement.extras]
+                if requirement.name == "unilateral"
                 else []
             )
-            names |= set().union(*original) if original else {canonical(item.name)}
+            names |= set().union(*original) if original else {canonical(requirement.name)}
     return names
 
 
@@ -45,11 +45,11 @@ def distributions(name):
     waiting = list_required(PROJECT["dependencies"]) | (
         list_required(EXTRAS[name]) if name != "core" else set()
     )
-    computed = {"unilateral"}
+    names = {"unilateral"}
     while waiting:
-        computed.add(item := waiting.pop())
-        waiting |= list_required(importlib.metadata.requires(item) or []) - computed
-    return computed
+        names.add(item := waiting.pop())
+        waiting |= list_required(importlib.metadata.requires(item) or []) - names
+    return names
 
 
 def absent(name):

@@ -10,9 +10,9 @@ def make_levels(rate=(NAN,) * 4, share=0.005, index=1.2, asymptotic=1.0):
     values = {"error_rate": [NAN, *rate], "share": [9, *[share] * 4], "index": [9, *[index] * 4]}
     pair = {name: np.array([[9 * np.ones(5), value]] * 5) for name, value in values.items()}
     pair["asymptotic"] = np.array([[[0.0, *(asymptotic,) * 4]] * 2] * 5)
-    data = {name: (("case", "kind", "level"), value) for name, value in pair.items()}
+    variables = {name: (("case", "kind", "level"), value) for name, value in pair.items()}
     cases = ["reentrant", "violates_j", "singular", "thirds", "clamped_270"]
-    return table(**data, kind=["uniform", "adapted"], case=cases)
+    return table(**variables, kind=["uniform", "adapted"], case=cases)
 
 
 ROWS = [

@@ -183,11 +183,11 @@ def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
 def test_the_split_of_the_error_holds_up_to_quadrature():
     """Galerkin orthogonality; with another norm in its last term it is off by more than a hundredth."""
     cases = [load(name) for name in ("full_contact", "thirds")]
-    computed = experiments.measure_split(
+    split = experiments.measure_split(
         make_structured_mesh(square(), 1 / 16), partitions.make_uniform_partition(square(), 1 / 8), cases
     )
-    assert np.all(computed["split_defect"] <= 1e-4)  # full_contact has no kink, thirds the edge of its cutoff
-    assert np.all(computed["split_defect_elsewhere"] >= 1e-2)
+    assert np.all(split["split_defect"] <= 1e-4)  # full_contact has no kink, thirds the edge of its cutoff
+    assert np.all(split["split_defect_elsewhere"] >= 1e-2)
 
 
 def test_the_first_term_of_the_residual_s_bound_is_no_bound():

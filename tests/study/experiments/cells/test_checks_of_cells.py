@@ -21,19 +21,19 @@ def make_cells(bound=0.001, converged=1.0, gap_order=(1.0, 3 / 4)):
     errors = np.array(2 * [[[1, 1 / 4], [1, 1 / 4]], [[1, 1 / 2], [1, 1 / 8]]])
     fields = {"discrete_error": errors, "consistency": errors**2, "algebraic_bound": bound * errors}
     fields |= {"converged": 0 * errors + converged}
-    data = {name: (("case", "start", "level"), value) for name, value in fields.items()}
+    variables = {name: (("case", "start", "level"), value) for name, value in fields.items()}
     cases = ["cantor_2", "cantor_1.5", "violates_jjj", "violates_jj_jjj"]
     H = [[1, 1 / 4], [1, 1 / 16]]
     orders = {"flux_order": 4 * [1 / 2], "gap_order": 2 * list(gap_order)}
-    return table(**data, **orders, case=cases, H=(("start", "level"), H))
+    return table(**variables, **orders, case=cases, H=(("start", "level"), H))
 
 
 def alternating(last):
     """Over factors of 4 rates of 1/2 and, with 1/4 or 1/8 as the last error, of 1/2 or 1."""
     errors = np.array([[1.0, 9], [1 / 2, 8], [last, 7]])
     fields = {"discrete_error": errors, "algebraic_bound": 0 * errors, "converged": errors**0}
-    data = {name: (("partition", "gamma"), value) for name, value in fields.items()}
-    return table(**data, alpha=1 / 4, gamma=[0.5, 1], H=[1, 1 / 4, 1 / 16])
+    variables = {name: (("partition", "gamma"), value) for name, value in fields.items()}
+    return table(**variables, alpha=1 / 4, gamma=[0.5, 1], H=[1, 1 / 4, 1 / 16])
 
 
 ROWS = [

@@ -36,9 +36,9 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
     """
     case = load("natural")
     mesh = make_structured_mesh(square(), 1 / 8)
-    computed = measure.solve_by_others(case, mesh, **GIVEN)
+    errors_by_scheme = measure.solve_by_others(case, mesh, **GIVEN)
     assert list(measured_table["scheme"].values) == SCHEMES
-    assert list(computed) == SCHEMES[1:]
+    assert list(errors_by_scheme) == SCHEMES[1:]
     skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     coarse = skfem.Basis(skfem_mesh, skfem.ElementTriP1())
     fine = skfem.Basis(skfem_mesh.refined(2), skfem.ElementTriP1(), intorder=6)
@@ -55,9 +55,9 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
 
     for scheme in ("nodal constraints", "half the load"):
         row = measured_table.sel(scheme=scheme)
-        certified = ul.certify(case.problem, mesh, computed[scheme]).bounds.u
+        certified = ul.certify(case.problem, mesh, errors_by_scheme[scheme]).bounds.u
         assert float(row["certified_bound"]) == pytest.approx(certified, rel=1e-12)
-        v = fine.project(coarse.interpolator(computed[scheme]))
+        v = fine.project(coarse.interpolator(errors_by_scheme[scheme]))
         error = np.sqrt(square_of_error.assemble(fine, v_h=fine.interpolate(v)))
         assert float(row["certified_error"]) == pytest.approx(error, rel=0.01)
     assert float(measured_table["certified_bound"][1]) < 0.5 * float(measured_table["certified_bound"][-1])
@@ -103,5 +103,5 @@ def test_documents_show_errors_and_bounds_over_them():
     assert len(displayed) == 14
     assert displayed.iloc[8].tolist() == ["`clamped`", "nodal constraints", "16", "2.00", "23", "3.00"]
     assert displayed.columns[-1] == "bound/error, h = 1/64"
-    computed = numbers.numbers({"certify/solutions": table}, {"certify": GIVEN})["certify"]
-    assert computed == {"penalty": {"coarsest": 2.0, "finest": 3.0}, "half": 21 / 15, "sweeps": 10}
+    document_numbers = numbers.numbers({"certify/solutions": table}, {"certify": GIVEN})["certify"]
+    assert document_numbers == {"penalty": {"coarsest": 2.0, "finest": 3.0}, "half": 21 / 15, "sweeps": 10}

@@ -64,8 +64,8 @@ def test_a_quadratic_solution_is_in_p2_and_not_in_p1():
     """u is in P2, so the discrete solution is u. P1 is of first order; its distance from u halves with h."""
     case = derive_solution(QUADRATIC, "quadratic", square(), 0)
     nodal_problem = measure.assemble_nodal_problem(case, MESH, P2)
-    computed = measure.solve_nodal_problem(nodal_problem)[: MESH.n_nodes]
-    np.testing.assert_allclose(computed, case.value_and_gradient(MESH.points)[0], atol=1e-13)
+    nodal_values = measure.solve_nodal_problem(nodal_problem)[: MESH.n_nodes]
+    np.testing.assert_allclose(nodal_values, case.value_and_gradient(MESH.points)[0], atol=1e-13)
     errors = []
     for h in (1 / 8, 1 / 16):
         mesh = make_structured_mesh(square(), h)

@@ -45,8 +45,8 @@ def make_operations(with_A):
     operations = [[4.0, 18.0], [2.0, 3.0]]
     steps = [with_A, [[5], [7]]]
     h = [[0.5, 0.25], [0.5, 0.25]]
-    data = {"step_operations": (dims, operations), "unknowns": (dims, n), "h": (dims, h)}
-    return table(**data, steps=((*dims, "stop"), steps), algebra=["A", "S"])
+    variables = {"step_operations": (dims, operations), "unknowns": (dims, n), "h": (dims, h)}
+    return table(**variables, steps=((*dims, "stop"), steps), algebra=["A", "S"])
 
 
 UNLIKE = "steps with A are not known to be as many as those with S"

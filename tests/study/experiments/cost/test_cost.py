@@ -226,8 +226,8 @@ def test_steps_that_are_shown_do_not_change_with_rounding(method):
     alternatives = [steps_with_rounding(method, seed) for seed in range(1, 6)]
     displayed = STOPS.index(trade.COMPARED_LEVEL) + 1
     assert len(first) == len(STOPS)
-    assert all(item[:displayed] == first[:displayed] for item in alternatives)
-    changes = any(item != first for item in alternatives)
+    assert all(steps[:displayed] == first[:displayed] for steps in alternatives)
+    changes = any(steps != first for steps in alternatives)
     assert changes == (method == "barzilai_borwein")
 
 
@@ -374,11 +374,11 @@ def test_half_of_an_error_at_second_order_of_work_costs_its_square_root():
 def make_errors(errors):
     """A case whose discrete error is 1."""
     coords = {"case": ["one"], "H": [1 / 16], "stop": STOPS[: len(errors)]}
-    computed = {
+    variables = {
         "h1_error": (tuple(coords), np.reshape(errors, (1, 1, -1))),
         "h1_discrete": (("case", "H"), [[1.0]]),
     }
-    return xr.Dataset(computed, coords=coords)
+    return xr.Dataset(variables, coords=coords)
 
 
 @pytest.mark.parametrize(
@@ -401,11 +401,11 @@ def make_ratios(factors):
     coords = {"H_over_h": ratios, "H": H, "stop": [1.0]}
     h = H / ratios[:, None]
     error = h[..., None] * np.reshape(factors, (3, 1, 1))
-    computed = {"h1_error": (tuple(coords), error), "h1_discrete": (("H_over_h", "H"), error[..., 0])}
+    variables = {"h1_error": (tuple(coords), error), "h1_discrete": (("H_over_h", "H"), error[..., 0])}
     mesh_fields = {"h": h, "u_norm": np.ones_like(h), "setup_operations": h**-3}
-    computed |= {name: (("H_over_h", "H"), values) for name, values in mesh_fields.items()}
-    computed["operations"] = (tuple(coords), 3 * h[..., None] ** -3)
-    return xr.Dataset(computed, coords=coords)
+    variables |= {name: (("H_over_h", "H"), values) for name, values in mesh_fields.items()}
+    variables["operations"] = (tuple(coords), 3 * h[..., None] ** -3)
+    return xr.Dataset(variables, coords=coords)
 
 
 @pytest.mark.parametrize("factors", [[1, 1.04, 1.06], [1.2, 1.1, 1], [1, 1, 1]])

@@ -97,8 +97,8 @@ def quasi_optimal(lambda_means, gap_means, square):
 
 
 def projection(coarsest):
-    data = {"scenes": ["a"], "expected": {"c": 0.75, "e": 9}, "tolerance": 0.1}
-    return partial(estimates.projection, coarsest=coarsest, **data)
+    parameters = {"scenes": ["a"], "expected": {"c": 0.75, "e": 9}, "tolerance": 0.1}
+    return partial(estimates.projection, coarsest=coarsest, **parameters)
 
 
 def norm_of_1(lower, upper):

@@ -53,11 +53,11 @@ PARTITIONS = {
 @pytest.mark.parametrize("cells", PARTITIONS)
 def test_off_the_transitions_cells_the_term_is_0(name, cells):
     """And on them it is not: 1e-13 lies below the smallest, that of smooth and vertex, like H^7."""
-    computed = cell_means(load(name), PARTITIONS[cells])
-    assert abs(computed.consistency_elsewhere) <= ZERO
-    assert np.all(np.abs(computed.consistency_terms[~computed.has_transition]) <= ZERO)
-    inside = computed.has_transition.any()
-    assert (computed.consistency > 1e-13) == inside, (computed.consistency, inside)
+    means = cell_means(load(name), PARTITIONS[cells])
+    assert abs(means.consistency_elsewhere) <= ZERO
+    assert np.all(np.abs(means.consistency_terms[~means.has_transition]) <= ZERO)
+    inside = means.has_transition.any()
+    assert (means.consistency > 1e-13) == inside, (means.consistency, inside)
 
 
 def test_a_term_off_the_declared_transitions_is_seen(case_like):
@@ -67,10 +67,10 @@ def test_a_term_off_the_declared_transitions_is_seen(case_like):
     """
     gap = cases.read_case_declaration("thirds")[0]["gap"]
     gap["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
-    computed = cell_means(case_like("thirds", gap=gap), make_uniform_partition(SQUARE, 1 / 16))
-    assert np.flatnonzero(computed.has_transition).tolist() == [6, 9]
-    assert computed.consistency_terms[5] > 1e-5
-    assert computed.consistency_elsewhere == pytest.approx(computed.consistency_terms[5], rel=1e-9)
+    means = cell_means(case_like("thirds", gap=gap), make_uniform_partition(SQUARE, 1 / 16))
+    assert np.flatnonzero(means.has_transition).tolist() == [6, 9]
+    assert means.consistency_terms[5] > 1e-5
+    assert means.consistency_elsewhere == pytest.approx(means.consistency_terms[5], rel=1e-9)
 
 
 def test_cells_with_a_point_inside_are_found_and_not_those_with_one_at_an_end():
@@ -118,9 +118,9 @@ def test_the_prediction_grows_with_the_side():
 
 @pytest.mark.parametrize(("name", "alpha", "gamma"), [("thirds", 0.5, 1.5), ("singular", -0.25, 1.0)])
 def test_the_first_transition_is_the_declared_one(name, alpha, gamma):
-    computed = first_transition(load(name))
-    assert computed == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
-    assert computed.term_order == pytest.approx(alpha + gamma + 1)
+    transition = first_transition(load(name))
+    assert transition == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
+    assert transition.term_order == pytest.approx(alpha + gamma + 1)
 
 
 def test_a_case_without_a_harmonic_atom_has_no_prediction():

@@ -245,11 +245,11 @@ def test_in_partial_contact_the_held_cells_decide_near_the_solution_only():
     for share, near in ((0.97 * limit, True), (1.03 * limit, False)):
         rho = share * 2 / operator.lambda_max
         with nullcontext() if near else pytest.warns(RuntimeWarning):
-            computed = uzawa.uzawa(
+            result = uzawa.uzawa(
                 operator, known_problem.discrete.offset, 1e-13, rho, known_problem.lambda_H * (1 + 1e-6), 2000
             )
-        assert computed.converged == near
-        assert (known_problem.error(computed.lambda_H) < 1e-11 * known_problem.size) == near
+        assert result.converged == near
+        assert (known_problem.error(result.lambda_H) < 1e-11 * known_problem.size) == near
     table = survey(step_partial=[1.8, 0.99 * limit])
     assert table["outcome"].values.tolist() == [OUTCOME_RIGHT, OUTCOME_NOT_CONVERGED]
     assert table["predicted_limit"].item() == 1
@@ -335,7 +335,7 @@ def test_every_axis_has_a_right_point_and_no_wrong_one(name):
 def test_all_of_the_single_precision_is_single():
     operator = data_axes.round_operator(problem(), np.float32)
     assert {
-        item.dtype for item in (operator.D_factor, operator.D, operator.S, operator.H_i, operator.spectrum)
+        array.dtype for array in (operator.D_factor, operator.D, operator.S, operator.H_i, operator.spectrum)
     } == {np.dtype(np.float32)}
     exact = problem().spaces.operator
     assert 1e-9 < np.abs(operator.S - exact.S).max() / exact.lambda_max < 1e-5
@@ -393,16 +393,18 @@ def test_what_the_floor_has_above_its_prediction_is_the_rounding_of_the_factors(
     rounded = []
     computed = []
     for H in sizes:
-        item = pose_on_square(H / 2, H, full_contact)
-        exact = item.spaces.operator
-        single = data_axes.round_operator(item, np.float32)
+        discrete_problem = pose_on_square(H / 2, H, full_contact)
+        exact = discrete_problem.spaces.operator
+        single = data_axes.round_operator(discrete_problem, np.float32)
         after = replace(single, D_factor=exact.D_factor.astype(np.float32))
-        rounded.append(floor_of(item, after))
-        computed.append(floor_of(item, single))
+        rounded.append(floor_of(discrete_problem, after))
+        computed.append(floor_of(discrete_problem, single))
     root = np.sqrt(exact.H_i)
-    solved = np.linalg.solve(single.S.astype(float), -root * item.discrete.offset)
-    error = np.linalg.norm(solved - root * item.lambda_H) / np.linalg.norm(root * item.lambda_H)
-    assert error == pytest.approx(computed[-1] * 2.0**-24 * item.condition, rel=0.1)
+    solved = np.linalg.solve(single.S.astype(float), -root * discrete_problem.discrete.offset)
+    error = np.linalg.norm(solved - root * discrete_problem.lambda_H) / np.linalg.norm(
+        root * discrete_problem.lambda_H
+    )
+    assert error == pytest.approx(computed[-1] * 2.0**-24 * discrete_problem.condition, rel=0.1)
     assert max(rounded) < 1
     assert max(rounded) < 2.5 * min(rounded)
     assert computed[-1] > 2.5 * computed[0]

@@ -256,10 +256,14 @@ def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
     assert (limited["limit of `unilateral solve`: predicted, met at"] == "not offered").sum() == len(
         VARIANTS
     ) - 1
-    computed = outcomes()
-    assert computed["axes.unlimited"] == len(other_unlimited_axes)
+    numbers_by_name = outcomes()
+    assert numbers_by_name["axes.unlimited"] == len(other_unlimited_axes)
     kinds = ("right", "by_tool", "not_converged", "refused", "wrong")
-    assert sum(computed[kind] for kind in kinds) == computed["points"] == read_survey().sizes["point"]
+    assert (
+        sum(numbers_by_name[kind] for kind in kinds)
+        == numbers_by_name["points"]
+        == read_survey().sizes["point"]
+    )
 
 
 def test_the_supplement_names_every_axis_that_has_settings_of_its_own():

@@ -15,9 +15,9 @@ def make_graded_runs(falls=(1.0, 2.0), kappa=(1.0, 1 / 2), bound=0.001, minimum=
     fields = dict.fromkeys(names.split(), errors) | changed
     fields |= {"algebraic_bound": bound * errors, "equal_h": np.exp(np.array(2 * [[0, -1, -3]]))}
     fields |= {"least_multiplier": minimum + 0 * errors}
-    data = {name: (("run", "level"), value) for name, value in fields.items()}
+    variables = {name: (("run", "level"), value) for name, value in fields.items()}
     labels = {"case": ("run", ["a", "b"]), "kappa": ("run", list(kappa)), "exponent": ("run", [4 / 3, 4 / 3])}
-    return table(**data, **labels)
+    return table(**variables, **labels)
 
 
 UNKNOWN = np.array([[1.0, 1 / 4, NAN], [1, 1 / 4, 1 / 16]])

@@ -74,11 +74,11 @@ def test_sizes_are_like_h_times_the_power_of_the_distance():
     spread = []
     control = []
     for mesh in (COARSE, meshes.refine_uniformly(COARSE, 2), meshes.refine_uniformly(COARSE, 4)):
-        computed = grade_to_vertex(mesh, 2, 1.0, kappa)
-        r = np.hypot(*computed.points[computed.triangles].mean(axis=1).T)
-        share = computed.longest_edges / (mesh.h * r ** (1 - kappa))
+        graded = grade_to_vertex(mesh, 2, 1.0, kappa)
+        r = np.hypot(*graded.points[graded.triangles].mean(axis=1).T)
+        share = graded.longest_edges / (mesh.h * r ** (1 - kappa))
         spread.append(share.max() / share.min())
-        control.append(np.ptp(np.log(computed.longest_edges)))
+        control.append(np.ptp(np.log(graded.longest_edges)))
     assert max(spread) < 5
     assert np.all(np.diff(control) > 1)
 

@@ -69,12 +69,12 @@ def test_cells_follow_each_other_and_those_of_the_reference_are_finer(table):
 
 def test_contact_is_drawn_where_the_reference_has_a_multiplier():
     """At the foot of the lower panel."""
-    data = read_committed_table("portrait")
-    figure, _ = draw_page("portrait", data)
+    committed_table = read_committed_table("portrait")
+    figure, _ = draw_page("portrait", committed_table)
     lower = figure.axes[3]
     assert lower.get_xlabel().startswith("arc length")
     (foot,) = [line for line in lower.lines if line.get_color() == portrait.CONTACT_LOOK["color"]]
-    cells = rows(data, "cell", "reference")
+    cells = rows(committed_table, "cell", "reference")
     in_contact = cells["value"] > 0
     assert 0.2 < in_contact.mean() < 0.8
     middle = (cells["s"] + cells["end"]) / 2
@@ -82,10 +82,10 @@ def test_contact_is_drawn_where_the_reference_has_a_multiplier():
 
 
 def test_nodes_steps_and_sizes_are_drawn():
-    data = read_committed_table("portrait")
-    figure, _ = draw_page("portrait", data)
-    nodes = rows(data, "node")
+    committed_table = read_committed_table("portrait")
+    figure, _ = draw_page("portrait", committed_table)
+    nodes = rows(committed_table, "node")
     assert lines(figure.axes[3], markers=True) == [[*zip(nodes["s"], nodes["value"].round(9), strict=True)]]
     assert "$u_h$,  $h=1/10$,  $H=1/4$" in list_texts(figure)
     steps = [value for patch in figure.axes[2].patches for value in patch.get_data().values]
-    assert set(steps) == set(rows(data, "cell")["value"])
+    assert set(steps) == set(rows(committed_table, "cell")["value"])

@@ -95,8 +95,8 @@ def ritz(nu):
     power = {0.25: 0, 0.5: 1}.get(nu, 0.5)
     selected = power * math.log((1 + math.log(32)) / (1 + math.log(8))) / math.log(4)
     check = partial(exponents.proposition_3, scenes=["a"], exponents={"c": nu, "e": 1.0}, tolerance=0.1)
-    data = table(ritz_boundary_error=[[9, 9, *h[2:] ** 2]], case=["c"], h=h)
-    return check, data, 2 - min(2, 1.5 + nu) + selected
+    ritz_table = table(ritz_boundary_error=[[9, 9, *h[2:] ** 2]], case=["c"], h=h)
+    return check, ritz_table, 2 - min(2, 1.5 + nu) + selected
 
 
 ROWS = [

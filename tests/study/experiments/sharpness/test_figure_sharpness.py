@@ -36,9 +36,11 @@ def rates():
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
     error = np.where(h == H[0], 2.0 ** (c - a - 1), 1.0) * h ** (a + 1)
     dims = ("level", "alpha", "gamma", "position")
-    computed = {name: (dims, error) for name in VARIABLES}
+    errors_by_variable = {name: (dims, error) for name in VARIABLES}
     per_level = {name: ("level", H) for name in ("h", "H", "beta_lower", "lambda_min")}
-    return tabulate_surfaces(xr.Dataset(computed | per_level, coords={"alpha": alpha, "gamma": gamma}))
+    return tabulate_surfaces(
+        xr.Dataset(errors_by_variable | per_level, coords={"alpha": alpha, "gamma": gamma})
+    )
 
 
 @pytest.fixture

@@ -79,9 +79,9 @@ def test_one_run_that_did_not_converge_would_be_seen():
     place = {"level": 2, "alpha": 3, "gamma": 1, "position": 5}
     errors["converged"][place] = 0.0
     errors["algebraic_bound"][place] *= 1e3
-    computed = surfaces.tabulate_surfaces(errors)
-    assert int((computed["converged"] == 0).sum()) == 1
-    assert float(computed["share"].sel(norm="h1").max()) > 0.01
+    surface_table = surfaces.tabulate_surfaces(errors)
+    assert int((surface_table["converged"] == 0).sum()) == 1
+    assert float(surface_table["share"].sel(norm="h1").max()) > 0.01
 
 
 @all_norms

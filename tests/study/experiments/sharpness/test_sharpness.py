@@ -136,9 +136,9 @@ def test_the_consistency_term_of_one_transition_is_its_closed_form(a, c, theta):
 
 def test_the_consistency_term_knows_from_which_end_theta_is_measured():
     """Control: and which exponent belongs to which side."""
-    computed = consistency_of_power(0.5, 1.5, 0.1)
-    assert computed != pytest.approx(formula(0.5, 1.5, 0.9), rel=0.1)
-    assert computed != pytest.approx(formula(1.5, 0.5, 0.1), rel=0.1)
+    term = consistency_of_power(0.5, 1.5, 0.1)
+    assert term != pytest.approx(formula(0.5, 1.5, 0.9), rel=0.1)
+    assert term != pytest.approx(formula(1.5, 0.5, 0.1), rel=0.1)
 
 
 AT = transition_positions(R(1, 4), 2)

@@ -173,10 +173,10 @@ def test_inner_nodes_lie_on_the_far_side_of_the_middle_of_each_cell():
 def test_every_cell_has_one_node_inside_and_at_least_delta_from_its_ends(kind, spec, delta):
     cells = make_partition(square(), spec)
     mesh = mesh_of(cells, kind, delta)
-    computed = resolution(mesh, cells)
-    assert delta * (1 - 1e-9) <= computed.delta <= 0.5
+    cell_resolution = resolution(mesh, cells)
+    assert delta * (1 - 1e-9) <= cell_resolution.delta <= 0.5
     assert len(mesh.boundary) == (2 * cells.n_cells if "ends" in kind else cells.n_cells + 4)
-    assert (computed.nodes_per_cell, computed.alpha_1) == (1, cells.alpha_1)
+    assert (cell_resolution.nodes_per_cell, cell_resolution.alpha_1) == (1, cells.alpha_1)
 
 
 def test_explicit_nodes_are_taken_as_given():
