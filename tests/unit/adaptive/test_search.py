@@ -112,7 +112,7 @@ def test_a_spoilt_solution_has_a_larger_bound():
 def test_an_accuracy_is_reached_and_certified(norm):
     """The certificate, and that the accuracy holds: against the exact solution of a case."""
     goal = Goal(0.05, norm, **LIMITS)
-    levels_done = levels(load("natural").problem, goal)
+    done = levels(load("natural").problem, goal)
     last = done[-1].solved
     case = load("natural")
     assert [level.certified for level in done] == [False] * (len(done) - 1) + [True]
@@ -147,7 +147,7 @@ def test_an_absolute_accuracy_is_that_of_the_error_itself():
     """Against the exact solution; it may be above 1, and the relative one is met by a coarser mesh."""
     case = load("natural")
     goal = Goal(0.3, absolute=True)
-    levels_done = levels(case.problem, goal)
+    done = levels(case.problem, goal)
     assert done[-1].certified
     assert h1_distance(case, done[-1].solved.mesh, done[-1].solved.u_h) <= 0.3
     assert all(level.total > 0.3 for level in done[:-1])
@@ -169,7 +169,7 @@ def test_levels_are_not_wasted():
 
     The bound that was predicted is right within a tenth, from the fourth level on.
     """
-    levels_done = levels(load("natural").problem, Goal(0.01, **LIMITS))
+    done = levels(load("natural").problem, Goal(0.01, **LIMITS))
     assert sum(level.unknowns for level in done[:-1]) <= 0.4 * done[-1].unknowns
     assert done[-1].solved.total_bound("h1") > 0.5 * done[-1].target
     assert all(level.predicted_total == pytest.approx(level.total, rel=0.1) for level in done[3:])
@@ -211,7 +211,7 @@ def regular(n, f="-1", g="x/10"):
 
 def test_many_short_sides_do_not_fill_the_polygon_with_small_triangles():
     """500 sides need 1000 edges; with triangles of that size there are 0.5 pi / 0.0063^2 = 4e4 unknowns."""
-    levels_done = levels(regular(500), Goal(0.02))
+    done = levels(regular(500), Goal(0.02))
     assert done[-1].certified
     assert len(done) > 1
     assert all(level.solved.mesh.is_adapted for level in done[1:])
@@ -350,19 +350,19 @@ def test_structured_cells_consist_of_whole_edges():
 def test_an_iteration_that_fails_ends_the_search():
     """A finer mesh would not help it."""
     with pytest.warns(RuntimeWarning, match="stopped after 1 steps"):
-        levels_done = levels(load("natural").problem, Goal(1e-2, stop=Stop(algorithm="uzawa", max_steps=1)))
-    assert len(levels_done) == 1
-    assert not levels_done[0].certified
+        done = levels(load("natural").problem, Goal(1e-2, stop=Stop(algorithm="uzawa", max_steps=1)))
+    assert len(done) == 1
+    assert not done[0].certified
 
 
 def test_no_multiplier_at_all_is_exact(problem_of):
     """Every side is left out, so lambda = lambda_H = 0."""
     idle = problem_of(f="1 + x", g=0)
     assert idle.idle_sides() == (0, 1, 2, 3)
-    levels_done = levels(idle.make_idle_sides_free(), Goal(0.1, "hm12"))
-    assert len(levels_done) == 1
-    assert levels_done[0].certified
-    assert levels_done[0].solved.total_bound("hm12") == 0
+    done = levels(idle.make_idle_sides_free(), Goal(0.1, "hm12"))
+    assert len(done) == 1
+    assert done[0].certified
+    assert done[0].solved.total_bound("hm12") == 0
 
 
 def falsify_bounds(level, factor):
@@ -377,9 +377,9 @@ def falsify_bounds(level, factor):
 @pytest.mark.parametrize("name", ["natural", "full_contact"])
 def test_bounds_that_contradict_each_other_are_withdrawn(name):
     """One's is 1000 times too small, and nobody knows which; control: as they are, all stand."""
-    levels_done = levels(load(name).problem, Goal(0.02))
+    done = levels(load(name).problem, Goal(0.02))
     assert select_consistent(done) == done
-    assert select_consistent([falsify_bounds(levels_done[0], 1e-3), done[-1]]) == []
+    assert select_consistent([falsify_bounds(done[0], 1e-3), done[-1]]) == []
 
 
 def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
@@ -393,7 +393,7 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
 
     monkeypatch.setattr(loop, "measure_level", count_measures)
     monkeypatch.setattr(loop, "perf_counter", lambda: float(len(bounds)))
-    levels_done = levels(load("natural").problem, Goal(0.2))
+    done = levels(load("natural").problem, Goal(0.2))
     assert len(done) > 1
     assert [level.seconds for level in done] == [1.0] * len(done)
     assert [level.elapsed for level in done] == [float(k + 1) for k in range(len(done))]

@@ -65,7 +65,10 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
     assert indices[-1] <= 1.3
     if bound is sharp_bound:
         assert indices[0] <= 1.3
-        assert all(bounds.lambda_ <= 2.5 * known_pair.upper for bounds, known_pair in bounds_and_pairs)
+        assert all(
+            bounds_of_pair.lambda_ <= 2.5 * known_pair.upper
+            for bounds_of_pair, known_pair in bounds_and_pairs
+        )
 
 
 TEN_DEGREES = np.radians(10)
