@@ -89,7 +89,7 @@ def sentences_of_a_test(request, tmp_path_factory):
     recorder.begin(request.node.nodeid)
     yield
     if request.node.passed and not recorder.rewriting:
-        assert recorder.unsaid() == []
+        assert recorder.list_unused() == []
 
 
 def pytest_collection():

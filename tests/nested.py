@@ -38,7 +38,7 @@ class Nested:
     """The meshes of levels 0 to L, and the hierarchy of the last one."""
 
     meshes: list[Mesh]
-    of: Hierarchy
+    hierarchy: Hierarchy
 
     @property
     def mesh(self) -> Mesh:

@@ -1,4 +1,4 @@
-"""What is public is explained, with examples that run."""
+"""What is public is explain, with examples that run."""
 
 import doctest
 import inspect
@@ -36,7 +36,7 @@ def test_every_public_name_has_an_example():
 
 
 def test_every_attribute_of_a_solution_is_explained():
-    """Fields are explained by the docstring of the class, each below a line with its name."""
+    """Fields are explain by the docstring of the class, each below a line with its name."""
     public = [name for name in dir(ul.Solution) if not name.startswith("_")]
     class_fields = [field.name for field in fields(ul.Solution)]
     assert len(public) > 20
@@ -48,13 +48,13 @@ def test_a_name_without_an_example_is_noticed():
     """Control."""
 
     class Given:
-        def explained(self):
+        def explain(self):
             """A sentence."""
 
         def silent(self): ...
 
-    assert lack_in_docstring(["explained", "silent"], Given, ".") == ["silent"]
-    assert lack_in_docstring(["explained"], Given, ">>> ") == ["explained"]
+    assert lack_in_docstring(["explain", "silent"], Given, ".") == ["silent"]
+    assert lack_in_docstring(["explain"], Given, ">>> ") == ["explain"]
 
 
 def test_completion_shows_public_names_only():

@@ -5,7 +5,7 @@ Peaks, waves and kinks of f that rules do not see, obstacles that touch u in poi
 
 import numpy as np
 import sympy
-from known_solutions import Feature, Known, Tried, fluxes
+from known_solutions import Feature, Known, KnownSolution, fluxes
 from symbolic import X, Y, plain, pos
 
 from unilateral.adaptive.goal import Goal
@@ -45,7 +45,7 @@ def try_family(family, number):
     solved_levels = [
         level.solved for level in search(known_case.problem, Goal(0.02, max_unknowns=MOST)).levels
     ]
-    return Tried(known_case, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in solved_levels])
+    return KnownSolution(known_case, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in solved_levels])
 
 
 def exact(number):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import discrete
-from known_solutions import Pressed, Trial, h1_errors
+from known_solutions import ForceTrial, Trial, h1_errors
 from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
@@ -88,7 +88,7 @@ class Manufactured:
     def model(self, x, y, steps):
         return evaluate(self.formulas[0], {X: x, Y: y})
 
-    def enclosed(self, free=()):
+    def enclose_gap(self, free=()):
         return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
@@ -111,7 +111,7 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
         problem = problem.problem
         g = problem.enclosed_obstacle
     else:
-        g = problem.enclosed(free)
+        g = problem.enclose_gap(free)
     form = Form(free=free)
     data = EnclosedData(
         enclose_source(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
@@ -145,15 +145,15 @@ class Pair(NamedTuple):
     upper: float
 
     @property
-    def given(self):
+    def bound_arguments(self):
         """What both bounds take."""
         return given_to(*self[:5])
 
-    def exceeded_by(self, bound):
+    def is_below(self, bound):
         """Neither error is larger."""
         return self.h1_error <= bound.u and self.lower <= bound.lambda_ + ROUNDING
 
-    def with_noise(self, size, rng):
+    def add_noise(self, size, rng):
         """u_h off by a random function of that norm."""
         noise = rng.standard_normal(self.mesh.n_nodes)
         return self._replace(u_h=self.u_h + noise * (size / energy_norm(self.mesh, noise)))
@@ -189,7 +189,7 @@ def exact_forces(case, cells):
     return [per_side.sum(), *per_side]
 
 
-class OfCatalogue:
+class CatalogueSolution:
     """A case on coarse meshes; on finer ones bounds are sharp, see `test_bounds`."""
 
     def __init__(self, name, polygon, crude):
@@ -202,30 +202,30 @@ class OfCatalogue:
     def trials(self):
         """With noise of a size in u_h its error is no less than that size less the error without."""
         trials = [
-            Trial(known_pair.given, known_pair.h1_error, known_pair.lower - ROUNDING)
+            Trial(known_pair.bound_arguments, known_pair.h1_error, known_pair.lower - ROUNDING)
             for known_pair in self.pairs
         ]
         pair = self.pairs[-1]
         for size in NOISE if self.noisy else ():
-            spoilt_arguments = pair.with_noise(size, np.random.default_rng(3)).given
+            spoilt_arguments = pair.add_noise(size, np.random.default_rng(3)).bound_arguments
             trials.append(Trial(spoilt_arguments, max(size - pair.h1_error, 0), pair.lower - ROUNDING))
         return trials
 
     @cached_property
-    def pressed(self):
+    def force_trials(self):
         """With the true error in place of its bound, which is the hardest; lambda is integrated up to 1e-12.
 
         Where lambda is not smooth it is not integrated up to rounding.
         """
-        pressed = []
+        force_trials = []
         for known_pair in self.pairs if self.smooth else ():
             sides = range(known_pair.mesh.polygon.n_sides)
             exact = [
                 (force - 1e-12, force + 1e-12) for force in exact_forces(known_pair.case, known_pair.cells)
             ]
             components = [[*sides], *([side] for side in sides)]
-            pressed.append(
-                Pressed(
+            force_trials.append(
+                ForceTrial(
                     known_pair.mesh,
                     known_pair.cells,
                     known_pair.lambda_H,
@@ -234,4 +234,4 @@ class OfCatalogue:
                     exact,
                 )
             )
-        return pressed
+        return force_trials

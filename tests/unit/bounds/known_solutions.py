@@ -146,38 +146,40 @@ class Catalogued(NamedTuple):
 class Trial(NamedTuple):
     """What both bounds take, and lower bounds of the true errors of u_h and of lambda_H."""
 
-    given: tuple
-    error: float
-    of_lambda: float
+    bound_arguments: tuple
+    u_error: float
+    lambda_error: float
 
 
-class Pressed(NamedTuple):
+class ForceTrial(NamedTuple):
     """What `forces` takes, and for each of the parts two numbers between which the exact force lies."""
 
     mesh: Any
     cells: Any
     lambda_H: np.ndarray
     bound: float
-    parts: list
+    side_groups: list
     exact: list
     free: tuple = ()
 
 
-class Tried:
+class KnownSolution:
     """A problem with a known solution, and solutions of discrete problems, each with pairs to be tried."""
 
     def __init__(self, manufactured, solutions):
         """Take `solutions` with their pairs (u_h, lambda_H)."""
-        self.of = manufactured
+        self.known_solution = manufactured
         self.solutions = solutions
 
     @cached_property
     def trials(self):
-        return [trial for solved, pairs in self.solutions for trial in trials(self.of, solved, pairs)]
+        return [
+            trial for solved, pairs in self.solutions for trial in trials(self.known_solution, solved, pairs)
+        ]
 
     @cached_property
-    def pressed(self):
-        return [press_parts(self.of, solved) for solved, _ in self.solutions]
+    def force_trials(self):
+        return [make_force_trial(self.known_solution, solved) for solved, _ in self.solutions]
 
 
 @lru_cache(maxsize=8)
@@ -204,7 +206,7 @@ def trials(manufactured, solved, pairs):
         yield Trial((solved.data, cells, *pair, solved.form), error, lambda_error)
 
 
-def press_parts(manufactured, solved):
+def make_force_trial(manufactured, solved):
     """The whole boundary, and each side.
 
     The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
@@ -224,4 +226,4 @@ def press_parts(manufactured, solved):
         exact.append((moments[inner].sum() - displaced, moments[touching].sum() + displaced))
     bound = solved.bound().lambda_
     free = manufactured.problem.free_sides
-    return Pressed(mesh, solved.partition, solved.lambda_H, bound, components, exact, free)
+    return ForceTrial(mesh, solved.partition, solved.lambda_H, bound, components, exact, free)

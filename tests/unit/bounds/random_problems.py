@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import case_file
-from known_solutions import Catalogued, Feature, Known, Tried, fluxes
+from known_solutions import Catalogued, Feature, Known, KnownSolution, fluxes
 from random_polygons import columns, distances, draw_over_base, star, wedge
 from symbolic import X, Y, plain, pos
 
@@ -53,7 +53,7 @@ def try_kind(kind, number, folder):
     else:
         mesh = {"formula": make_random_problem, "flux": give_fluxes}[kind](number)
     rng = np.random.default_rng([17, number])
-    return Tried(mesh, [(solved, [*pairs(solved, rng)]) for solved in solutions(mesh.problem, rng)])
+    return KnownSolution(mesh, [(solved, [*pairs(solved, rng)]) for solved in solutions(mesh.problem, rng)])
 
 
 def solutions(problem, rng):

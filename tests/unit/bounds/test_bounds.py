@@ -57,10 +57,10 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
     have contact zones and cutoffs of 1/3 and 1/4, so they need finer meshes.
     """
     bounds_and_pairs = [
-        (bound(*known_pair.given), known_pair) for known_pair in (pair(name, n) for n in fineness)
+        (bound(*known_pair.bound_arguments), known_pair) for known_pair in (pair(name, n) for n in fineness)
     ]
     indices = [bounds_of_pair.u / known_pair.h1_error for bounds_of_pair, known_pair in bounds_and_pairs]
-    assert all(known_pair.exceeded_by(bounds_of_pair) for bounds_of_pair, known_pair in bounds_and_pairs)
+    assert all(known_pair.is_below(bounds_of_pair) for bounds_of_pair, known_pair in bounds_and_pairs)
     assert np.all(np.diff(indices) < 0)
     assert indices[-1] <= 1.3
     if bound is sharp_bound:
@@ -180,8 +180,8 @@ def test_what_is_free_of_means_on_triangles_counts(bound, monkeypatch):
 @pytest.mark.parametrize("size", NOISE)
 def test_noise_in_u_h_is_in_the_residual(size):
     known_pair = pair("natural", 8)
-    noisy = known_pair.with_noise(size, np.random.default_rng(3))
-    assert local_bound(*noisy.given).u > max(size - known_pair.h1_error, 0.1 * size)
+    noisy = known_pair.add_noise(size, np.random.default_rng(3))
+    assert local_bound(*noisy.bound_arguments).u > max(size - known_pair.h1_error, 0.1 * size)
 
 
 def test_a_triangle_s_share_is_its_own():
@@ -189,8 +189,10 @@ def test_a_triangle_s_share_is_its_own():
     known_pair = pair("natural", 16)
     node = np.argmin(np.hypot(*(known_pair.mesh.points - 0.5).T))
     n = known_pair.mesh.n_nodes
-    before = local_bound(*known_pair._replace(u_h=known_pair.u_h + 0.01 * 0).given).shares
-    after = local_bound(*known_pair._replace(u_h=known_pair.u_h + 0.01 * np.eye(n)[node]).given).shares
+    before = local_bound(*known_pair._replace(u_h=known_pair.u_h + 0.01 * 0).bound_arguments).shares
+    after = local_bound(
+        *known_pair._replace(u_h=known_pair.u_h + 0.01 * np.eye(n)[node]).bound_arguments
+    ).shares
     nodes = known_pair.mesh.triangles
     near = np.isin(nodes, nodes[(nodes == node).any(axis=1)]).any(axis=1)
     assert np.all(after[~near] == before[~near])
@@ -201,14 +203,14 @@ def test_a_triangle_s_share_is_its_own():
 def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
     """Control: for lambda_H = 0 the flux is that of Neumann's problem; its v, below g, seems to be exact."""
     known_pair = pair("full_contact", 8, crude="zero")
-    assert known_pair.exceeded_by(bound(*known_pair.given))
+    assert known_pair.is_below(bound(*known_pair.bound_arguments))
     monkeypatch.setattr(feasible, "find_contact", lambda g, u_h, _: np.zeros(len(u_h), dtype=bool))
-    assert known_pair.exceeded_by(bound(*known_pair.given))
+    assert known_pair.is_below(bound(*known_pair.bound_arguments))
     nothing = feasible.Shortfall(*np.zeros((4, len(known_pair.mesh.boundary))))
     no_contact = np.zeros(len(known_pair.mesh.boundary), dtype=bool)
     monkeypatch.setattr(feasible, "raise_to_obstacle", lambda *_, v, **__: (v, no_contact))
     monkeypatch.setattr(feasible, "bound_shortfall", lambda *_: nothing)
-    assert not known_pair.exceeded_by(bound(*known_pair.given))
+    assert not known_pair.is_below(bound(*known_pair.bound_arguments))
 
 
 @pytest.mark.parametrize(
@@ -224,9 +226,9 @@ def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, ti
     lower = float(
         norm_for("full_contact", 4, "square").bound_error(known_pair.case, wrong.lambda_H[None]).lower[0]
     )
-    assert lower <= bound(*wrong.given).lambda_
+    assert lower <= bound(*wrong.bound_arguments).lambda_
     monkeypatch.setattr(module, "build_normal_flux", lambda *_: right)
-    assert lower > 5 * bound(*wrong.given).lambda_
+    assert lower > 5 * bound(*wrong.bound_arguments).lambda_
 
 
 def near_the_solution():
@@ -283,7 +285,7 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
     monkeypatch.setattr(
         feasible, "bound_shortfall", lambda *arguments: shorts.append(original(*arguments)) or shorts[-1]
     )
-    data, *alternatives = known_pair.given
+    data, *alternatives = known_pair.bound_arguments
     g = known_pair.case.problem.enclosed_obstacle
     for obstacle in (g, replace(g, remainder=g.remainder + t, upper=g.upper + t)):
         local_bound(replace(data, constraint=build_constraint(obstacle, known_pair.mesh, H1)), *alternatives)

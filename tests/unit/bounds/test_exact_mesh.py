@@ -92,7 +92,7 @@ class Linear(NamedTuple):
     problem: Problem
     slope: tuple[sympy.Rational, sympy.Rational]
 
-    def at(self, points):
+    def evaluate(self, points):
         """u (n,) at points (n, 2) of 50 digits."""
         slope_x, slope_y = self.slope
         a = mpf(slope_x.p) / mpf(slope_x.q)
@@ -133,7 +133,7 @@ def true_error(exact, mesh, u_h):
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^{1/2} on the exact mesh, where u - u_h is linear on triangles."""
     places = exact_nodes(mesh)
     problem = exact.problem
-    displaced = (exact.at(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[mesh.triangles]
+    displaced = (exact.evaluate(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[mesh.triangles]
     x, y = places[mesh.triangles].transpose(2, 0, 1)
     e = np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1)
     f = np.roll(y, 1, axis=1) - np.roll(y, -1, axis=1)
@@ -154,7 +154,7 @@ def indices(exact, mesh):
     discrete = sla.splu(form_matrix(mesh, form).tocsc()).solve(on_mesh.load)
     computed = []
     with mp.workdps(50):
-        at_nodes = exact.at(digits(mesh.points)).astype(float)
+        at_nodes = exact.evaluate(digits(mesh.points)).astype(float)
         for u_h in (at_nodes, discrete):
             lambda_H = np.zeros(cells.n_cells)
             bounds = [bound(on_mesh, cells, u_h, lambda_H, form).u for bound in (local_bound, sharp_bound)]

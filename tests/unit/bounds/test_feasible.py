@@ -131,7 +131,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
-    g = build_constraint(problem.enclosed(), mesh, H1)
+    g = build_constraint(problem.enclose_gap(), mesh, H1)
     missing = feasible.bound_shortfall(g, H1, g.p_at_unknowns, every, np.ones((3, 2)))
     s = sympy.Symbol("s")
     squares = 0.0
@@ -213,7 +213,7 @@ def test_the_rounding_of_v_is_allowed_for():
     mesh = make_structured_mesh(square(), 1 / 2)
     problem = Manufactured(square(), "1", gap="1 + x")
     every = np.ones(8, dtype=bool)
-    g = build_constraint(problem.enclosed(), mesh, H1)
+    g = build_constraint(problem.enclose_gap(), mesh, H1)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
     v = np.maximum(steep, g.p_at_unknowns)
@@ -231,7 +231,7 @@ def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     monkeypatch.setattr(
         feasible, "bound_shortfall", lambda *arguments: calls.append(arguments[:4]) or original(*arguments)
     )
-    local_bound(*known_pair.given)
+    local_bound(*known_pair.bound_arguments)
     g, _, v, touching = calls[0]
     unknowns = np.unique(g.unknowns[touching])
     assert np.all(v[unknowns] == g.p_at_unknowns[unknowns])

@@ -13,7 +13,7 @@ import adversarial_problems
 import numpy as np
 import pytest
 import random_problems
-from hand_made import CASES, CRUDE, OfCatalogue
+from hand_made import CASES, CRUDE, CatalogueSolution
 from known_solutions import QUADRATURE, SIZE
 from random_problems import make_random_problem
 
@@ -73,7 +73,7 @@ def known_case(request, tmp_path_factory):
         elif kind in adversarial_problems.FAMILIES:
             yield adversarial_problems.try_family(kind, *alternatives)
         else:
-            yield OfCatalogue(kind, *alternatives)
+            yield CatalogueSolution(kind, *alternatives)
 
 
 def parametrize_problems(problems):
@@ -89,15 +89,15 @@ BOUNDS = pytest.mark.parametrize("bound", METHODS)
 @lru_cache(maxsize=len(METHODS))
 def bounds(method, known_case):
     """A bound for each trial, computed once for all tests of a problem."""
-    return [method(*trial.given) for trial in known_case.trials]
+    return [method(*trial.bound_arguments) for trial in known_case.trials]
 
 
 def violations(known_case, bounds):
     """The trials in which a bound is too small."""
     return [
-        (bound.u, trial.error, bound.lambda_, trial.of_lambda)
+        (bound.u, trial.u_error, bound.lambda_, trial.lambda_error)
         for bound, trial in zip(bounds, known_case.trials, strict=True)
-        if not (trial.error <= bound.u and trial.of_lambda <= bound.lambda_)
+        if not (trial.u_error <= bound.u and trial.lambda_error <= bound.lambda_)
     ]
 
 
@@ -135,7 +135,10 @@ def test_a_bound_without_what_f_h_leaves_is_noticed(known_case, bound):
         zero = np.zeros_like(data.source.remainder)
         return replace(data, source=replace(data.source, oscillation=zero, jumps=zero, remainder=zero))
 
-    bounds = [bound(drop_f_h_errors(trial.given[0]), *trial.given[1:]) for trial in known_case.trials]
+    bounds = [
+        bound(drop_f_h_errors(trial.bound_arguments[0]), *trial.bound_arguments[1:])
+        for trial in known_case.trials
+    ]
     assert violations(known_case, bounds)
 
 
@@ -146,7 +149,7 @@ def test_the_triangles_shares_add_up_to_the_squared_bound(known_case):
     (a + b)^2 <= 2 (a^2 + b^2) for S and what tau~ leaves, (a + b + c)^2 <= 3 (..) for parts of the lifting.
     """
     for bound, trial in zip(bounds(local_bound, known_case), known_case.trials, strict=True):
-        mesh = trial.given[0].mesh
+        mesh = trial.bound_arguments[0].mesh
         assert np.all(bound.shares >= 0)
         # X^2 <= S^2 + 2 B + D^2 - max(D - eta, 0)^2
         maximum = bound.u**2 + max(mesh.exact_mesh_factor * bound.lift_norm - bound.eta, 0.0) ** 2
@@ -158,18 +161,18 @@ def test_the_triangles_shares_add_up_to_the_squared_bound(known_case):
 def forces_outside(known_case, share=1.0):
     """Exact forces that do not lie between the numbers that are guaranteed; the `share` is of the bound."""
     wrong = []
-    for force_case in known_case.pressed:
+    for force_case in known_case.force_trials:
         sides = no_reactions(force_case.mesh.polygon.n_sides)._replace(form=Form(free=tuple(force_case.free)))
         forces = bound_forces(
             force_case.mesh,
             force_case.cells,
             force_case.lambda_H,
             share * force_case.bound,
-            force_case.parts,
+            force_case.side_groups,
             sides,
         )
         for component, force, (minimum, maximum) in zip(
-            force_case.parts, forces, force_case.exact, strict=True
+            force_case.side_groups, forces, force_case.exact, strict=True
         ):
             if (
                 force.upper < minimum
@@ -236,7 +239,7 @@ def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
 @parametrize_problems(OF_FORMULAS)
 def test_the_quadrature_of_the_true_error_is_as_accurate_as_assumed(known_case):
     """Pieces of half the size, which have a quarter of its error at most, change it by less."""
-    manufactured = known_case.of
+    manufactured = known_case.known_solution
     (solved, _) = known_case.solutions[0]
     mesh = solved.mesh
     functions = [solved.u_h, np.zeros_like(solved.u_h)]
@@ -248,7 +251,7 @@ def test_the_quadrature_of_the_true_error_is_as_accurate_as_assumed(known_case):
 @parametrize_problems([*OF_FORMULAS, *FLUXES, *CORNERS])
 def test_the_random_solutions_solve_their_problems(known_case):
     """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""
-    manufactured = known_case.of
+    manufactured = known_case.known_solution
     lengths = manufactured.problem.polygon.lengths
     per_side = 200
     side = np.repeat(np.arange(len(lengths)), per_side)

@@ -231,7 +231,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     flux = bounds.build_normal_flux(mesh, cells, lambda_H, u_h, H1)
     spaces = quadratic_space(mesh)
     field = field_of(spaces, source, u_h, flux.end_values, H1)
-    lift = feasible.build_lifting(build_constraint(problem.enclosed(), mesh, H1), H1, u_h, flux)
+    lift = feasible.build_lifting(build_constraint(problem.enclose_gap(), mesh, H1), H1, u_h, flux)
     computed = []
     load_of_v = spaces.load(source.f_h)
     for maximum in (1, 50):
@@ -269,8 +269,8 @@ def test_the_bounds_hold_after_any_number_of_steps(monkeypatch):
     etas = []
     for maximum in (0, 1, 2, 4):
         monkeypatch.setattr(bounds, "MAX_DESCENT_STEPS", maximum)
-        bound = sharp_bound(*known_pair.given)
-        assert known_pair.exceeded_by(bound)
+        bound = sharp_bound(*known_pair.bound_arguments)
+        assert known_pair.is_below(bound)
         assert bound.steps == maximum
         etas.append(bound.eta)
     assert np.all(np.diff(etas) < 0)
@@ -280,14 +280,14 @@ def test_the_number_of_steps_does_not_grow_on_finer_meshes(monkeypatch):
     """Preconditioned by multigrid; without it their number would be that of 1/h, fourfold here."""
     monkeypatch.setattr(linear_systems, "MAX_FACTORISED_UNKNOWNS", 0)
     pairs = [pair("natural", n) for n in (16, 64)]
-    coarse, fine = sharp_bounds = [sharp_bound(*known_pair.given) for known_pair in pairs]
-    assert all(known_pair.exceeded_by(bound) for known_pair, bound in zip(pairs, sharp_bounds, strict=True))
+    coarse, fine = sharp_bounds = [sharp_bound(*known_pair.bound_arguments) for known_pair in pairs]
+    assert all(known_pair.is_below(bound) for known_pair, bound in zip(pairs, sharp_bounds, strict=True))
     assert fine.steps < 2 * coarse.steps
 
 
 def test_multigrid_in_place_of_factors_changes_little(monkeypatch):
     """Of what is left eta has at most ENOUGH, as long as a step takes half of it and more."""
-    arguments = pair("natural", 16).given
+    arguments = pair("natural", 16).bound_arguments
     direct = sharp_bound(*arguments)
     monkeypatch.setattr(linear_systems, "MAX_FACTORISED_UNKNOWNS", 0)
     assert sharp_bound(*arguments).eta <= (1 + bounds.MIN_RELATIVE_GAIN) * direct.eta
@@ -296,8 +296,8 @@ def test_multigrid_in_place_of_factors_changes_little(monkeypatch):
 def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
     """u_h off by a tenth of its error: eta of w is that of u_h. Control: without w it is twice as large."""
     known_pair = pair("full_contact", 16)
-    shifted = known_pair.with_noise(0.1 * known_pair.h1_error, np.random.default_rng(4)).given
-    exact = sharp_bound(*known_pair.given)
+    shifted = known_pair.add_noise(0.1 * known_pair.h1_error, np.random.default_rng(4)).bound_arguments
+    exact = sharp_bound(*known_pair.bound_arguments)
     computed = sharp_bound(*shifted)
     assert computed.eta == pytest.approx(exact.eta, rel=0.01)
     assert known_pair.h1_error <= computed.u + 0.1 * known_pair.h1_error
@@ -307,8 +307,8 @@ def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
 
 def test_the_index_of_u_tends_to_1_without_contact():
     """lambda = lambda_H = 0 is exact; eta, of second order, is all that is left of the bound of lambda."""
-    coarse = sharp_bound(*pair("no_contact", 16).given)
-    fine = sharp_bound(*pair("no_contact", 32).given)
+    coarse = sharp_bound(*pair("no_contact", 16).bound_arguments)
+    fine = sharp_bound(*pair("no_contact", 32).bound_arguments)
     assert fine.u <= 1.02 * pair("no_contact", 32).h1_error
     assert coarse.lambda_ >= 3.5 * fine.lambda_
 
@@ -316,7 +316,7 @@ def test_the_index_of_u_tends_to_1_without_contact():
 def excess(n):
     """The bound of u over its error, less 1, in full contact with a curved g."""
     known_pair = pair("full_contact", n)
-    return sharp_bound(*known_pair.given).u / known_pair.h1_error - 1
+    return sharp_bound(*known_pair.bound_arguments).u / known_pair.h1_error - 1
 
 
 def test_the_index_of_u_tends_to_1_only_if_u_h_is_lowered_in_contact(monkeypatch):

@@ -140,9 +140,9 @@ class Trial:
         slack_of_v = float(self.sigma[CONTACT] @ (v[CONTACT] - g))
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
-        self.parts_of_v = residual(v)
-        self.of_u = bound_residual(residual(self.u_h), 0.0, slack)
-        self.of_v = bound_residual(self.parts_of_v, 0.0, slack_of_v)
+        self.v_residual_parts = residual(v)
+        self.u_residual = bound_residual(residual(self.u_h), 0.0, slack)
+        self.v_residual = bound_residual(self.v_residual_parts, 0.0, slack_of_v)
         self.D = math.sqrt(y @ A @ y)
         self.D_clamped = math.sqrt(y_D @ A @ y_D)
         self.gap = float((v[CONTACT] - g).min())
@@ -150,8 +150,8 @@ class Trial:
 
     def bounds(self, **changes):
         arguments = {
-            "u_residual": self.of_u,
-            "v_residual": self.of_v,
+            "u_residual": self.u_residual,
+            "v_residual": self.v_residual,
             "D": self.D,
             "D_clamped": self.D_clamped,
         }
@@ -193,7 +193,9 @@ def test_no_error_is_larger_than_its_bound(trials):
 
 
 def drop_slack(trial):
-    return trial.bounds(u_residual=trial.of_u._replace(B=0.0), v_residual=trial.of_v._replace(B=0.0))
+    return trial.bounds(
+        u_residual=trial.u_residual._replace(B=0.0), v_residual=trial.v_residual._replace(B=0.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -215,7 +217,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, field, wrong):
     """v is a function without a residual on V, plus one of which the norm is known, or not even that."""
 
     def bounds(trial):
-        original = trial.parts_of_v
+        original = trial.v_residual_parts
         V = trial.space.V
         w = np.zeros(N)
         w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], original.functional()[V])
@@ -224,7 +226,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, field, wrong):
             original, misfit=misfit, others=original.others + trial.form.c * trial.space.M @ w
         )
         missing = field * math.sqrt(w @ trial.A @ w)
-        return trial.bounds(v_residual=bound_residual(components, missing, trial.of_v.B))
+        return trial.bounds(v_residual=bound_residual(components, missing, trial.v_residual.B))
 
     assert violations(trials, bounds).any() == wrong
 
@@ -233,9 +235,13 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     """Norms by the growth, products by its square; and lambda_H - sigma counts for lambda_H."""
     trial = trials[1]
     before = np.array(trial.bounds())
-    grown = bound_total_errors(1.5, trial.of_u, trial.of_v, trial.D, trial.D_clamped, sigma_distance=0.0)
+    grown = bound_total_errors(
+        1.5, trial.u_residual, trial.v_residual, trial.D, trial.D_clamped, sigma_distance=0.0
+    )
     assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
-    after = bound_total_errors(1.5, trial.of_u, trial.of_v, trial.D, trial.D_clamped, sigma_distance=2.0)
+    after = bound_total_errors(
+        1.5, trial.u_residual, trial.v_residual, trial.D, trial.D_clamped, sigma_distance=2.0
+    )
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
 
 

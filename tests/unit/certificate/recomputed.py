@@ -235,11 +235,11 @@ class Recomputed:
         if self.c == 0:
             return A2, M2, Decimal(0)
         energy2 = A2 / decimal(self.k) + M2 / decimal(self.c)
-        by_parts2 = self.by_parts(z, p, corners)
+        by_parts2 = self.bound_by_parts(z, p, corners)
         self.is_by_parts.append(by_parts2 < energy2)
         return A2, M2, min(energy2, by_parts2)
 
-    def by_parts(self, z, p, corners):
+    def bound_by_parts(self, z, p, corners):
         """(||f - c z||/c^(1/2) + G a)^2 on a triangle; infinite if z is not linear, or c d^2 <= k.
 
         G^2 is the larger root of k c x^2 - k x = R^2/4: the largest (s^2 + R s t)/(c s^2 + k t^2).

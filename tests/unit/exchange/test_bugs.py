@@ -167,7 +167,7 @@ def table(method):
     return {bug: dict(zip(CASES, words, strict=True)) for bug, *words in rows}
 
 
-class Solved(NamedTuple):
+class SolvedLevel(NamedTuple):
     """A level of a case as this project and an author see it; `own` are this project's errors."""
 
     case: Problem
@@ -177,7 +177,7 @@ class Solved(NamedTuple):
     own: Errors
     author: author.Level
 
-    def judged(self, folder, bug, method):
+    def diagnose(self, folder, bug, method):
         """What is told of the files that an author writes into a folder."""
         u, cells = author.solve_level(self.author, bug, method)
         files = [folder / name for name in ("u.csv", "cells.csv")]
@@ -205,7 +205,7 @@ def exported_cases(tmp_path_factory):
         assert main(["export", "thirds" if name == "own" else name, *options, "--out", str(folder)]) == 0
         case, (level,) = read_exported_folder(folder)
         original = solve_reference(case, level)
-        return Solved(
+        return SolvedLevel(
             case, level, original.discrete, original.u_h, original.errors, author.read(folder, level.name)
         )
 
@@ -226,7 +226,7 @@ def outcome(bug, computed):
 def name_diagnosis(example, folder, bug, method):
     """The word for what is told of a bug."""
     try:
-        return outcome(bug, example.judged(folder, bug, method))
+        return outcome(bug, example.diagnose(folder, bug, method))
     except InputError as error:
         return "refused" if "another mesh" in str(error) else str(error)
 
@@ -252,7 +252,7 @@ def test_a_bug_is_named_or_not_known(exported_cases, tmp_path, name, method):
 @pytest.mark.parametrize("method", author.METHODS)
 def test_what_is_not_named_says_what_it_may_be(exported_cases, tmp_path, method):
     """An iteration that stopped early is a right solution for another g, so that nobody can tell."""
-    (fault,) = exported_cases("natural").judged(tmp_path, "stopped early", method).faults
+    (fault,) = exported_cases("natural").diagnose(tmp_path, "stopped early", method).faults
     assert "the iteration stopped too early, or g or the contact conditions differ" in fault.description
 
 

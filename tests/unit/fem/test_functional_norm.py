@@ -167,13 +167,13 @@ GRADED = [("lshape", 10), ("lshape", 20), ("gmsh", 10), ("flat", 8)]
 def functionals(nested: Nested) -> list[Array]:
     """Random ones, rough and smooth, hats, those of one level, and what V-cycles leave of one."""
     rng = np.random.default_rng(5)
-    A = nested.of.A
+    A = nested.hierarchy.A
     n = A.shape[0]
     x, y = nested.mesh.points.T
     rough = rng.standard_normal(n)
     remaining = rough.copy()
     for _ in range(3):
-        remaining = remaining - A @ functional_norm.apply_presmoothing_cycle(nested.of, remaining)
+        remaining = remaining - A @ functional_norm.apply_presmoothing_cycle(nested.hierarchy, remaining)
     first, last = np.zeros((2, n))
     first[n // 3] = last[-1] = 1.0
     smooth = np.sin(7 * x) * np.exp(y)
@@ -191,13 +191,13 @@ def sample_levels(nested: Nested) -> list[Array]:
     """For every third level A v of a random v of the hats that are new there, and numbers at those alone."""
     rng = np.random.default_rng(6)
     result = []
-    for k, level in list(enumerate(nested.of.levels))[::3]:
-        v = np.zeros(nested.of.n)
+    for k, level in list(enumerate(nested.hierarchy.levels))[::3]:
+        v = np.zeros(nested.hierarchy.n)
         v[level.n_coarse : level.n] = rng.standard_normal(level.n - level.n_coarse)
         result.append(v.copy())
-        for finer in nested.of.levels[k + 1 :]:
+        for finer in nested.hierarchy.levels[k + 1 :]:
             finer.prolong(v)
-        result.append(nested.of.A @ v)
+        result.append(nested.hierarchy.A @ v)
     return result
 
 
@@ -215,7 +215,7 @@ def true_norm(nested: Nested, R: Array) -> float:
 def test_the_bound_is_one_and_not_too_large(name: str, refinements: int) -> None:
     nested = make_nested(name, "uniform", refinements)
     for R in functionals(nested):
-        index = multilevel_dual_norm_bound(nested.of, R) / true_norm(nested, R)
+        index = multilevel_dual_norm_bound(nested.hierarchy, R) / true_norm(nested, R)
         # log2(1/h) = 5 terms, each too large by less than 2.
         assert 1 / ROUNDING <= index < 10
 
@@ -225,19 +225,19 @@ def test_the_bound_is_one_and_not_too_large_on_adapted_meshes(name: str, times: 
     """10 at 10 levels, over the root of the roundness; deeper, M is a product, and its root counts twice."""
     mesh = adapt_nested(name, times)
     maximum = (
-        10 / math.sqrt(mesh.of.roundness.min())
+        10 / math.sqrt(mesh.hierarchy.roundness.min())
         if times <= 10
         else 2 * math.sqrt(interpolation_constant(2 * times))
     )
     for R in functionals(mesh):
-        index = multilevel_dual_norm_bound(mesh.of, R) / true_norm(mesh, R)
+        index = multilevel_dual_norm_bound(mesh.hierarchy, R) / true_norm(mesh, R)
         assert 1 / ROUNDING <= index < maximum
 
 
 def test_without_refinement_the_norm_is_exact() -> None:
     nested = make_nested("gmsh", "uniform", 0)
     for R in functionals(nested):
-        assert multilevel_dual_norm_bound(nested.of, R) == pytest.approx(true_norm(nested, R))
+        assert multilevel_dual_norm_bound(nested.hierarchy, R) == pytest.approx(true_norm(nested, R))
 
 
 def shrunk(mesh: Mesh, factor: float) -> Mesh:
@@ -253,15 +253,15 @@ def worst(leg: float) -> tuple[float, float]:
     vanishes with the leg.
     """
     mesh = refine_nested(shrunk(coarse("one triangle"), leg), 1)
-    A = mesh.of.A.toarray()
-    P = prolongation(mesh.of.levels[0]).toarray()
+    A = mesh.hierarchy.A.toarray()
+    P = prolongation(mesh.hierarchy.levels[0]).toarray()
     hierarchical = np.column_stack([P, np.eye(6)[:, 3:]])
     H = hierarchical.T @ A @ hierarchical
     K = H[3:, 3:] - H[3:, :3] @ np.linalg.solve(H[:3, :3], H[:3, 3:])
     w = np.linalg.eigh(K)[1][:, 0]
     v = hierarchical @ np.concatenate([-np.linalg.solve(H[:3, :3], H[:3, 3:] @ w), w])
     R = A @ v
-    return norm_bound_beyond_coarsest(mesh.of, R), true_norm(mesh, R)
+    return norm_bound_beyond_coarsest(mesh.hierarchy, R), true_norm(mesh, R)
 
 
 def test_the_constants_cannot_be_smaller() -> None:
@@ -272,18 +272,18 @@ def test_the_constants_cannot_be_smaller() -> None:
 
 def shares(nested: Nested, k: int) -> sp.csr_array:
     """(edges, n) the numbers w_e of level k, from values at the nodes."""
-    step = nested.of.levels[k].step
+    step = nested.hierarchy.levels[k].step
     rows = np.arange(len(step.ends))
     new = step.n_old_nodes + np.arange(len(step.ends))
     entries = np.repeat([1.0, -0.5, -0.5], len(rows))
     position = np.tile(rows, 3), np.concatenate([new, *step.ends.T])
-    return sp.coo_array((entries, position), shape=(len(rows), nested.of.n)).tocsr()
+    return sp.coo_array((entries, position), shape=(len(rows), nested.hierarchy.n)).tocsr()
 
 
 def largest(nested: Nested, k: int) -> float:
     """The largest sum of w_e^2 rho_e over |v|_1^2, up to the mass, which is nothing on a small domain."""
     W = shares(nested, k).toarray()
-    rho = list(edge_weights(nested.of))[::-1][k]
+    rho = list(edge_weights(nested.hierarchy))[::-1][k]
     S = np.sqrt(rho)[:, None] * W
     return float(np.linalg.eigvalsh(S @ factor(nested).solve(S.T.copy()))[-1])
 
@@ -291,7 +291,7 @@ def largest(nested: Nested, k: int) -> float:
 @pytest.mark.parametrize(("name", "times"), [("lshape", 6), ("lshape", 12), ("gmsh", 5), ("flat", 6)])
 def test_every_level_s_part_is_at_most_the_energy(name: str, times: int) -> None:
     mesh = adapt_nested(name, times)
-    assert max(largest(mesh, k) for k in range(len(mesh.of.levels))) <= ROUNDING
+    assert max(largest(mesh, k) for k in range(len(mesh.hierarchy.levels))) <= ROUNDING
 
 
 def test_what_finer_levels_hide_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,7 +304,7 @@ def test_what_finer_levels_hide_is_needed(monkeypatch: pytest.MonkeyPatch) -> No
 def test_weights_are_those_of_the_triangles_at_an_edge() -> None:
     """Found from the places of triangles: C from halved edges, M from the smallest one in each child."""
     for nested in (adapt_nested("gmsh", 4), adapt_nested("flat", 5), make_nested("square 1", "uniform", 3)):
-        for k, rho in enumerate(reversed(list(edge_weights(nested.of)))):
+        for k, rho in enumerate(reversed(list(edge_weights(nested.hierarchy)))):
             np.testing.assert_allclose(rho, again(nested, k), rtol=1e-9)
 
 
@@ -313,7 +313,9 @@ def again(nested: Nested, k: int) -> Array:
     after = nested.meshes[k + 1]
     last = nested.mesh
     first = nested.meshes[0]
-    position = {tuple(sorted(ends)): e for e, ends in enumerate(nested.of.levels[k].step.ends.tolist())}
+    position = {
+        tuple(sorted(ends)): e for e, ends in enumerate(nested.hierarchy.levels[k].step.ends.tolist())
+    }
     parent = locate_fine_triangles(before, after)
     child = locate_fine_triangles(after, last)
     root = locate_fine_triangles(first, before)
@@ -327,7 +329,7 @@ def again(nested: Nested, k: int) -> Array:
         ]
         if halved:
             C = {1: 1.0001, 2: 1.4473, 3: 2.0001}[len(halved)]
-            rho[halved] += nested.of.roundness[root[t]] / (C * growths[parent == t].max())
+            rho[halved] += nested.hierarchy.roundness[root[t]] / (C * growths[parent == t].max())
     return rho
 
 
@@ -344,19 +346,19 @@ def locate_fine_triangles(coarse: Mesh, fine: Mesh) -> Array:
 
 def test_neither_term_alone_bounds_the_norm() -> None:
     single_nested = make_nested("square 1", "uniform", 0)
-    assert norm_bound_beyond_coarsest(single_nested.of, functionals(single_nested)[0]) == 0
+    assert norm_bound_beyond_coarsest(single_nested.hierarchy, functionals(single_nested)[0]) == 0
     nested = make_nested("square 1", "uniform", 5)
     rough = functionals(nested)[0]
-    z = functional_norm.apply_presmoothing_cycle(nested.of, rough)
-    assert math.sqrt(z @ nested.of.A @ z) < true_norm(nested, rough)
+    z = functional_norm.apply_presmoothing_cycle(nested.hierarchy, rough)
+    assert math.sqrt(z @ nested.hierarchy.A @ z) < true_norm(nested, rough)
 
 
 @pytest.mark.parametrize("way", ["uniform", "adapted"])
 def test_the_rest_vanishes_on_the_coarsest_space(way: str) -> None:
     nested = make_nested("lshape 1", "uniform", 4) if way == "uniform" else adapt_nested("gmsh", 10)
     R = functionals(nested)[0]
-    remaining = R - nested.of.A @ functional_norm.apply_presmoothing_cycle(nested.of, R)
-    for level in nested.of.levels[::-1]:
+    remaining = R - nested.hierarchy.A @ functional_norm.apply_presmoothing_cycle(nested.hierarchy, R)
+    for level in nested.hierarchy.levels[::-1]:
         P = prolongation(level)
         R = P.T @ R
         remaining = P.T @ remaining
@@ -367,15 +369,15 @@ def test_what_is_doubtful_is_added() -> None:
     """A functional that is known up to a millionth: the bound is one for all that it may be."""
     mesh = adapt_nested("gmsh", 5)
     R = functionals(mesh)[1]
-    n = mesh.of.n
+    n = mesh.hierarchy.n
     doubt = 1e-6 * np.abs(np.random.default_rng(3).standard_normal(n))
     for sign in (np.ones(n), np.sign(R), np.sign(np.random.default_rng(4).standard_normal(n))):
-        assert true_norm(mesh, R + sign * doubt) <= multilevel_dual_norm_bound(mesh.of, R, doubt)
+        assert true_norm(mesh, R + sign * doubt) <= multilevel_dual_norm_bound(mesh.hierarchy, R, doubt)
     assert (
-        multilevel_dual_norm_bound(mesh.of, 0 * R)
+        multilevel_dual_norm_bound(mesh.hierarchy, 0 * R)
         == 0
         < true_norm(mesh, doubt)
-        <= multilevel_dual_norm_bound(mesh.of, 0 * R, doubt)
+        <= multilevel_dual_norm_bound(mesh.hierarchy, 0 * R, doubt)
     )
 
 
@@ -396,9 +398,9 @@ def fan() -> Nested:
 
 def test_a_functional_that_cancels_on_the_coarsest_space_is_known_up_to_its_rounding() -> None:
     """1 + 10 slivers - 1, each half of a number at a midpoint: computed it is 0, exactly ten slivers."""
-    level = fan().of.levels[0]
+    level = fan().hierarchy.levels[0]
     sliver = 0.99 * 2.0**-53
-    R = np.zeros(fan().of.n)
+    R = np.zeros(fan().hierarchy.n)
     ends = level.step.ends
     spokes = level.n_coarse + np.flatnonzero((ends == 0).any(axis=1))
     assert len(spokes) == FAN == level.max_summands - 1
@@ -406,19 +408,19 @@ def test_a_functional_that_cancels_on_the_coarsest_space_is_known_up_to_its_roun
     on_coarse = R.copy()
     level.restrict(on_coarse)
     assert on_coarse[0] == 0
-    assert functional_norm._bound_coarse_remainder(fan().of, R)[0] >= (FAN - 2) * sliver
+    assert functional_norm._bound_coarse_remainder(fan().hierarchy, R)[0] >= (FAN - 2) * sliver
 
 
 def test_numbers_of_a_functional_are_rounded_on_all_levels() -> None:
-    R = np.random.default_rng(1).standard_normal(fan().of.n)
-    assert np.all(functional_norm._bound_coarse_remainder(fan().of, R) >= 2.0**-53 * np.abs(R))
+    R = np.random.default_rng(1).standard_normal(fan().hierarchy.n)
+    assert np.all(functional_norm._bound_coarse_remainder(fan().hierarchy, R) >= 2.0**-53 * np.abs(R))
 
 
 def test_what_a_functional_has_on_the_coarsest_space_is_doubt() -> None:
     """(3) is for functionals that vanish there; here one is 1 on the hat of node 0."""
-    R = np.zeros(fan().of.n)
+    R = np.zeros(fan().hierarchy.n)
     R[0] = 1.0
-    assert functional_norm._bound_coarse_remainder(fan().of, R)[0] >= 1
+    assert functional_norm._bound_coarse_remainder(fan().hierarchy, R)[0] >= 1
 
 
 def test_the_rounding_of_A_z_counts_for_the_norm_of_z_and_for_what_is_left(
@@ -427,23 +429,23 @@ def test_the_rounding_of_A_z_counts_for_the_norm_of_z_and_for_what_is_left(
     """||z|| <= (z . values)^(1/2) + ||doubt||, and R - A z is known up to that doubt, too."""
     nested = make_nested("square 1", "uniform", 2)
     R = functionals(nested)[0]
-    doubt = np.full(nested.of.n, 1e6)
+    doubt = np.full(nested.hierarchy.n, 1e6)
     original = functional_norm.residual_rounding.product_with_rounding
     monkeypatch.setattr(
         functional_norm.residual_rounding,
         "product_with_rounding",
         lambda *arguments: original(*arguments)._replace(rounding=doubt),
     )
-    once = functional_norm.residual_rounding.lumped_dual_norm_bound(doubt, nested.of.nodal_weights)
-    assert 2 * once <= multilevel_dual_norm_bound(nested.of, R) <= 2 * once * 1.001
+    once = functional_norm.residual_rounding.lumped_dual_norm_bound(doubt, nested.hierarchy.nodal_weights)
+    assert 2 * once <= multilevel_dual_norm_bound(nested.hierarchy, R) <= 2 * once * 1.001
 
 
 def test_norms_are_rounded_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """By SLACK: that of z, and the sums of (3); twice as large a SLACK doubles what is not a doubt."""
     nested = make_nested("square 1", "uniform", 2)
     R = functionals(nested)[0]
-    before = multilevel_dual_norm_bound(nested.of, R), norm_bound_beyond_coarsest(nested.of, R)
+    before = multilevel_dual_norm_bound(nested.hierarchy, R), norm_bound_beyond_coarsest(nested.hierarchy, R)
     slack = functional_norm.residual_rounding.NORM_ROUNDING_FACTOR
     monkeypatch.setattr(functional_norm.residual_rounding, "NORM_ROUNDING_FACTOR", 2 * slack)
-    after = multilevel_dual_norm_bound(nested.of, R), norm_bound_beyond_coarsest(nested.of, R)
+    after = multilevel_dual_norm_bound(nested.hierarchy, R), norm_bound_beyond_coarsest(nested.hierarchy, R)
     assert after == pytest.approx((2 * before[0], 2 * before[1]), rel=1e-9)

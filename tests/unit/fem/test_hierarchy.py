@@ -53,7 +53,7 @@ def close(A: sp.csr_array, B: sp.csr_array) -> bool:
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
     local = locally(name, way)
-    hierarchy = local.of
+    hierarchy = local.hierarchy
     A = assemble_by_elements(local.mesh)
     assert len(hierarchy.levels) == len(local.meshes) - 1
     assert close(hierarchy.A_0, assemble_by_elements(local.meshes[0]))
@@ -70,7 +70,7 @@ def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
 @pytest.mark.parametrize("refinements", [0, 1, 3])
 def test_coarser_hierarchies_are_those_of_the_coarser_meshes(name: str, refinements: int) -> None:
     nested = make_nested(name, "uniform", refinements)
-    hierarchy: Hierarchy | None = nested.of
+    hierarchy: Hierarchy | None = nested.hierarchy
     for mesh in nested.meshes[::-1]:
         assert hierarchy is not None
         assert close(hierarchy.A, assemble_by_elements(mesh))
@@ -84,16 +84,16 @@ def test_coarser_hierarchies_are_those_of_the_coarser_meshes(name: str, refineme
 def test_a_moved_node_is_seen_in_the_matrices() -> None:
     nested = make_nested("square 3", "uniform", 2)
     points = nested.mesh.points.copy()
-    points[np.setdiff1d(np.arange(len(points)), nested.of.boundary)[0]] += 1e-6
+    points[np.setdiff1d(np.arange(len(points)), nested.hierarchy.boundary)[0]] += 1e-6
     shifted = meshes.from_arrays(nested.mesh.polygon, points, nested.mesh.triangles)
-    assert abs(nested.of.A - assemble_by_elements(shifted)).max() > 1e-7
+    assert abs(nested.hierarchy.A - assemble_by_elements(shifted)).max() > 1e-7
 
 
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_coarse_matrices_are_galerkins(name: str, way: str) -> None:
     """The nodes whose hats changed are new, or reach new ones; others have the products that they had."""
     local = locally(name, way)
-    for (mesh, finer), level in zip(pairwise(local.meshes), local.of.levels, strict=True):
+    for (mesh, finer), level in zip(pairwise(local.meshes), local.hierarchy.levels, strict=True):
         P = prolongation(level)
         A = assemble_by_elements(finer)
         before = assemble_by_elements(mesh)
@@ -108,16 +108,16 @@ def test_coarse_matrices_are_galerkins(name: str, way: str) -> None:
 
 def test_only_nodes_whose_hats_changed_have_rows() -> None:
     """At a node nine new ones a level at most: two triangles, and their neighbours'. Control: uniformly."""
-    hierarchy = locally("square 3", "at a node").of
+    hierarchy = locally("square 3", "at a node").hierarchy
     assert max(len(level.smoothed_nodes) for level in hierarchy.levels) <= 20  # type: ignore[arg-type]
-    assert len(make_nested("square 3", "uniform").of.levels[-1].ends) > 20
+    assert len(make_nested("square 3", "uniform").hierarchy.levels[-1].ends) > 20
 
 
 @pytest.mark.parametrize("way", ["uniform", *LOCAL])
 def test_functionals_and_functions_move_between_levels_by_P(way: str) -> None:
     local = locally("gmsh", way)
     rng = np.random.default_rng(2)
-    for level in local.of.levels:
+    for level in local.hierarchy.levels:
         P = prolongation(level)
         R = rng.standard_normal(local.mesh.n_nodes)
         restricted = R.copy()
@@ -141,24 +141,24 @@ def test_known_levels_are_taken_over(way: str, expected_value: int) -> None:
     assert hierarchy.coarse_factors is before.coarse_factors
     if expected_value == 2:
         assert hierarchy.levels[0] is before.levels[0]
-    for level, expected in zip(hierarchy.levels, local.of.levels, strict=True):
+    for level, expected in zip(hierarchy.levels, local.hierarchy.levels, strict=True):
         for name in ("ends", "smoothed_nodes", "columns", "area_halvings"):
             np.testing.assert_array_equal(getattr(level, name), getattr(expected, name))
         assert (level.rows is None) == (expected.rows is None) == (level.n == local.mesh.n_nodes)
         if level.rows is not None:
             assert close(level.rows, expected.rows)
-    assert close(hierarchy.A, local.of.A)
+    assert close(hierarchy.A, local.hierarchy.A)
     for name in ("boundary", "triangles", "coarse_triangle", "area_halvings"):
-        np.testing.assert_array_equal(getattr(hierarchy, name), getattr(local.of, name))
-    assert np.abs(hierarchy.nodal_weights - local.of.nodal_weights).max() < ROUND_OFF
-    assert build_hierarchy(local.mesh, local.of) is local.of
+        np.testing.assert_array_equal(getattr(hierarchy, name), getattr(local.hierarchy, name))
+    assert np.abs(hierarchy.nodal_weights - local.hierarchy.nodal_weights).max() < ROUND_OFF
+    assert build_hierarchy(local.mesh, local.hierarchy) is local.hierarchy
 
 
 @pytest.mark.parametrize("way", ["uniform", *LOCAL])
 def test_triangles_know_where_they_lie_and_how_often_their_areas_were_halved(way: str) -> None:
     local = locally("slanted", way)
     first = local.meshes[0]
-    hierarchy = local.of
+    hierarchy = local.hierarchy
     corners = first.points[first.triangles[hierarchy.coarse_triangle]]
     assert np.array_equal(hierarchy.triangles, local.mesh.triangulation.nodes)
     edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
@@ -192,8 +192,8 @@ def partition_of(hierarchy: Hierarchy, polygon: Polygon, every: int) -> Partitio
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[LevelCells]:
     nested = make_nested(name, "uniform", refinements)
-    levels = replace(nested.of, form=Form(free=free))
-    cells = nested_cells(levels, partition_of(nested.of, nested.mesh.polygon, every))
+    levels = replace(nested.hierarchy, form=Form(free=free))
+    cells = nested_cells(levels, partition_of(nested.hierarchy, nested.mesh.polygon, every))
     assert cells is not None
     return cells
 
@@ -205,11 +205,11 @@ def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()
 def test_cells_are_unions_with_at_least_two_edges_and_B_is_the_coupling(name: str, every: int) -> None:
     nested = make_nested(name, "uniform")
     cells = cells_of(name, 3, every)
-    expected = coupling(nested.mesh, partition_of(nested.of, nested.mesh.polygon, every)).toarray()
-    assert np.abs(cells[-1].B[:, nested.of.boundary].toarray() - expected).max() < ROUND_OFF
-    assert cells[-1].B[0, nested.of.boundary[0]] != 0
+    expected = coupling(nested.mesh, partition_of(nested.hierarchy, nested.mesh.polygon, every)).toarray()
+    assert np.abs(cells[-1].B[:, nested.hierarchy.boundary].toarray() - expected).max() < ROUND_OFF
+    assert cells[-1].B[0, nested.hierarchy.boundary[0]] != 0
     assert len(cells) > 1
-    for fine, coarser, level in zip(cells[:0:-1], cells[-2::-1], nested.of.levels[::-1], strict=False):
+    for fine, coarser, level in zip(cells[:0:-1], cells[-2::-1], nested.hierarchy.levels[::-1], strict=False):
         assert fine.parent is not None
         sums = np.zeros((len(coarser.inner_node), level.n))
         np.add.at(sums, fine.parent, fine.B.toarray())
@@ -248,7 +248,7 @@ def that_follow(name: str) -> tuple[Nested, Partition]:
 def test_only_the_last_level_of_an_adapted_mesh_has_cells(text: str) -> None:
     """The node inside has the longest edges. Only the last level has cells."""
     nested, partition = pairs_of_edges(text) if text in LOCAL else that_follow(text)
-    hierarchy = nested.of
+    hierarchy = nested.hierarchy
     mesh = nested.mesh
     cells = nested_cells(hierarchy, partition)
     assert cells is not None
@@ -271,14 +271,14 @@ def test_free_sides_have_no_cells() -> None:
     every = cells_of("square 3", 2, 2)
     some = cells_of("square 3", 2, 2, (0, 2))
     assert len(some[-1].inner_node) == len(every[-1].inner_node) / 2
-    on_free = nested.of.boundary[1:12]
+    on_free = nested.hierarchy.boundary[1:12]
     assert some[-1].B[:, on_free].nnz == 0
     assert every[-1].B[:, on_free].nnz > 0
     assert [len(cell.inner_node) for cell in cells_of("square 3", 2, 2, (0, 1, 2, 3))] == [0, 0, 0]
 
 
 def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
-    levels = make_nested("square 3", "uniform", 2).of
+    levels = make_nested("square 3", "uniform", 2).hierarchy
     polygon = square()
     s = levels.s
     assert nested_cells(levels, Partition(polygon, s[::2].copy())) is not None

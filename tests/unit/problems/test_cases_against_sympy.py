@@ -146,22 +146,22 @@ class Oracle:
         if entry["atom"] == "tensor":
             cutoff = exact(entry["cutoff"])
             v = -D * self.formula(entry["profile"], t=T) * pos(1 - (D / cutoff) ** 2, 4)
-            self.atoms.append(self.on_side(side, 0, derive(v, polar=False), polar=False))
+            self.atoms.append(self.place_on_side(side, 0, derive(v, polar=False), polar=False))
         elif entry["atom"] == "cantor":
             unit = {"alpha": entry["alpha"], "cutoff": 1}
             derived = derive(cut_off(polar_factor(unit, None), unit), polar=True)
             alpha = exact(entry["alpha"])
-            intervals = [(a, b, self.scaled(derived, b - a, alpha)) for a, b in contact_intervals(entry)]
-            self.atoms.append(self.on_side(side, 0, sum_of_intervals(intervals), polar=False))
+            intervals = [(a, b, self.scale_atom(derived, b - a, alpha)) for a, b in contact_intervals(entry)]
+            self.atoms.append(self.place_on_side(side, 0, sum_of_intervals(intervals), polar=False))
         else:
             angle = (
                 sympy.nsimplify(self.polygon.angles[side] / np.pi, rational=True, tolerance=1e-9) * sympy.pi
             )
             derived = derive(cut_off(polar_factor(entry, angle), entry), polar=True)
-            self.atoms.append(self.on_side(side, exact(entry.get("at", 0)), derived))
+            self.atoms.append(self.place_on_side(side, exact(entry.get("at", 0)), derived))
 
     @staticmethod
-    def scaled(derived, length, alpha):
+    def scale_atom(derived, length, alpha):
         """The unit atom on a contact of another length: v(r) = l^(1 + alpha) v_1(r / l)."""
         size = quotient(length)
 
@@ -172,7 +172,7 @@ class Oracle:
 
         return parts
 
-    def on_side(self, side, t, derived, polar=True):
+    def place_on_side(self, side, t, derived, polar=True):
         """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
         a = self.vertices[side % self.polygon.n_sides]
         b = self.vertices[(side + 1) % self.polygon.n_sides]
@@ -192,7 +192,7 @@ class Oracle:
 
         return parts
 
-    def at(self, x, y):
+    def evaluate(self, x, y):
         """u, u_x, u_y and f = c u - Delta u."""
         sums = [
             mpmath.fsum(components) for components in zip(*(atom(x, y) for atom in self.atoms), strict=True)
@@ -203,14 +203,16 @@ class Oracle:
     def values(self, points):
         """u, u_x, u_y and f at points (k, 2)."""
         with mpmath.workdps(DIGITS):
-            return np.array([self.at(*map(mpmath.mpf, point)) for point in points.tolist()], dtype=float).T
+            return np.array(
+                [self.evaluate(*map(mpmath.mpf, point)) for point in points.tolist()], dtype=float
+            ).T
 
     def gap(self, side, t):
         """The gap at places t (k,) of a side."""
         n = self.polygon.n_sides
         declared = self.declaration["gap"]
         position = [e for e in declared.get("sides", []) if (self.side + e["side"]) % n == side]
-        if side in self.clamped:
+        if side in self.clamped_sides:
             gap = sympy.Integer(0)
         elif position and "cantor" in position[0]:
             gap = cantor_gap(position[0]["cantor"])
@@ -221,7 +223,7 @@ class Oracle:
             return np.array([value(mpmath.mpf(item)) for item in t.tolist()], dtype=float)
 
     @property
-    def clamped(self):
+    def clamped_sides(self):
         entries = self.declaration.get("clamped", [])
         return {(self.side + entry["side"]) % self.polygon.n_sides for entry in entries}
 
@@ -305,7 +307,9 @@ def deviations(name, polygon, times=1.0, numbers=8):
         exact_gap = oracle.gap(side, t)
         normal = polygon.normals[side]
         exact_flux = (
-            0 * t if side in oracle.clamped else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
+            0 * t
+            if side in oracle.clamped_sides
+            else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
         )
         u_scale = max(sizes["u"], np.abs(exact_gap).max())
         computed[f"lambda on side {side}"] = np.abs(flux - exact_flux).max() / sizes["grad u"]

@@ -29,14 +29,14 @@ def make_hierarchy(mesh: str) -> Nested:
 
 
 def choose_fixed_nodes(mesh: str, case: str) -> np.ndarray:
-    boundary = make_hierarchy(mesh).of.boundary.astype(np.intp)
+    boundary = make_hierarchy(mesh).hierarchy.boundary.astype(np.intp)
     chosen = {"nothing": slice(0), "a strip": slice(9, 16), "islands": slice(0, None, 3)}
     return np.sort(boundary[chosen.get(case, slice(None))])
 
 
 def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
     """(T P)^T A (T P) and so on, from the finest level down."""
-    hierarchy = make_hierarchy(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     S = hierarchy.A.toarray()
     matrices = []
     S[choose_fixed_nodes(mesh, case)] = 0
@@ -56,8 +56,8 @@ def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> None:
-    hierarchy = make_hierarchy(mesh).of
-    cycle = TruncatedCycle(make_hierarchy(mesh).of, choose_fixed_nodes(mesh, case))
+    hierarchy = make_hierarchy(mesh).hierarchy
+    cycle = TruncatedCycle(make_hierarchy(mesh).hierarchy, choose_fixed_nodes(mesh, case))
     cut_away = 0
     products = truncated_products(mesh, case)
     for S, matrix, level in zip(products, cycle.matrices[::-1], hierarchy.levels[-2::-1], strict=False):
@@ -78,7 +78,7 @@ def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_the_coarsest_matrix_is_solved_with_exactly(mesh: str, case: str) -> None:
     S = truncated_products(mesh, case)[-1]
-    hierarchy = make_hierarchy(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     S = S + np.diag(np.where(np.diag(S) < 1e-10 * hierarchy.A_0.diagonal(), hierarchy.A_0.diagonal(), 0))
     b = np.random.default_rng(1).standard_normal(len(S))
     assert np.allclose(
@@ -91,7 +91,7 @@ def test_the_coarsest_matrix_is_solved_with_exactly(mesh: str, case: str) -> Non
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
-    hierarchy = make_hierarchy(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     before = [level.rows.data.copy() for level in hierarchy.levels[:-1]]
     TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, "the boundary"))
     assert all(
@@ -102,7 +102,7 @@ def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
 
 def correction(mesh: str, case: str) -> np.ndarray:
     """T P C P^T T (n, n)."""
-    hierarchy = make_hierarchy(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     cycle = TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, case))
     columns = []
     for r in np.eye(hierarchy.n):
@@ -115,7 +115,7 @@ def correction(mesh: str, case: str) -> np.ndarray:
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> None:
     C = correction(mesh, case)
-    A = make_hierarchy(mesh).of.A.toarray()
+    A = make_hierarchy(mesh).hierarchy.A.toarray()
     assert np.abs(C - C.T).max() < 1e-12
     assert np.abs(C[choose_fixed_nodes(mesh, case)]).max(initial=0) == 0
     # Of C A, in exact arithmetic between 0 and 1; the others belong to what coarse functions do not reach.
@@ -127,7 +127,7 @@ def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> N
 @pytest.mark.parametrize("mesh", MESHES)
 def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
     """Without truncation, of functions of the level before nothing is lost but what smoothing leaves."""
-    hierarchy = make_hierarchy(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     C = correction(mesh, "nothing")
     A = hierarchy.A.toarray()
     P = prolongation(hierarchy.levels[-1]).toarray()
@@ -139,7 +139,7 @@ def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_a_correction_starts_from_z(mesh: str) -> None:
-    hierarchy = make_hierarchy(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     cycle = TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, "islands"))
     A = hierarchy.A
     rng = np.random.default_rng(1)

@@ -34,16 +34,16 @@ STOPS = [10.0**-k for k in range(11)]
 class Counted(float):
     """A number that counts the operations it takes part in."""
 
-    done = 0
+    n_operations = 0
 
     @classmethod
-    def of(cls, values):
+    def from_array(cls, values):
         return np.array([cls(x) for x in values.ravel()], dtype=object).reshape(values.shape)
 
 
 def _counting(name):
     def operation(self, *arguments):
-        Counted.done += 1
+        Counted.n_operations += 1
         return Counted(getattr(float, name)(self, *map(float, arguments)))
 
     return operation
@@ -59,10 +59,10 @@ def problem(case, n, ratio):
 
 def operations_of(work, *arguments):
     """How many operations a function takes of these numbers."""
-    numbers = [Counted.of(argument) for argument in arguments]
-    Counted.done = 0
+    numbers = [Counted.from_array(argument) for argument in arguments]
+    Counted.n_operations = 0
     work(*numbers)
-    return Counted.done
+    return Counted.n_operations
 
 
 def counted_step(method, m, cut=True):
@@ -71,9 +71,9 @@ def counted_step(method, m, cut=True):
     y = rng.random(m) + 1
     F = rng.random(m) + 1
     R = rng.random(m) + 1
-    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.of(0.5 * y))
+    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.from_array(0.5 * y))
     if isinstance(step, acceleration.BarzilaiBorwein):
-        step.previous_F = Counted.of(0.5 * F)
+        step.previous_F = Counted.from_array(0.5 * F)
         step.reference = -math.inf if cut else math.inf
     return operations_of(step, y, F, R)
 
@@ -94,7 +94,7 @@ def test_operations_of_a_step_are_those_counted(method):
 def brute_cholesky(a):
     for k in range(len(a)):
         a[k, k] = Counted(math.sqrt(a[k, k]))
-        Counted.done += 1
+        Counted.n_operations += 1
         for i in range(k + 1, len(a)):
             a[i, k] = a[i, k] / a[k, k]
         for j in range(k + 1, len(a)):
