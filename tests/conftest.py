@@ -89,7 +89,7 @@ def sentences_of_a_test(request, tmp_path_factory):
     recorder.begin(request.node.nodeid)
     yield
     if request.node.passed and not recorder.rewriting:
-        assert recorder.list_unused() == []
+        assert recorder.list_unused_sentences() == []
 
 
 def pytest_collection():

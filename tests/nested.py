@@ -63,7 +63,7 @@ def levels_of(meshes: list[Mesh]) -> Nested:
     return Nested(meshes, build_hierarchy(meshes[-1]))
 
 
-def refine_nested(coarse: Mesh, times: int) -> Nested:
+def refine_mesh_levels(coarse: Mesh, times: int) -> Nested:
     """From a mesh on that came from no other one, each level the uniform refinement of the one before."""
     meshes = [forget_refinement(coarse)]
     for _ in range(times):
@@ -71,7 +71,7 @@ def refine_nested(coarse: Mesh, times: int) -> Nested:
     return levels_of(meshes)
 
 
-def grade_nested(coarse: Mesh, node: int, times: int) -> Nested:
+def grade_mesh_levels(coarse: Mesh, node: int, times: int) -> Nested:
     """The same, only the triangles at a node being cut in four, so often."""
     meshes = [forget_refinement(coarse)]
     for _ in range(times):
@@ -127,7 +127,7 @@ def coarse(name: str) -> Mesh:
 
 
 @cache
-def make_nested(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested:
+def make_mesh_levels(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested:
     """A coarse mesh refined so often, by default as in TIMES.
 
     In the way "mixed" some triangles are cut between uniform refinements.
@@ -135,11 +135,11 @@ def make_nested(name: str, way: str, times: int | None = None, seed: int = 3) ->
     first = coarse(name)
     times = TIMES[way] if times is None else times
     if way == "uniform":
-        return refine_nested(first, times)
+        return refine_mesh_levels(first, times)
     if way == "at random":
         return refine_at_random(first, times, seed)
     if way == "at a node":
-        return grade_nested(first, 0, times)
+        return grade_mesh_levels(first, 0, times)
     before = refine_uniformly(first)
     middle = refine_triangles(before, np.arange(0, len(before.triangles), 5))
     return levels_of([first, before, middle, refine_uniformly(middle)])

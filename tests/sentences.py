@@ -72,7 +72,7 @@ class Recorder:
         self.count += 1
         assert text == stored, f"tests/sentences.yaml has another sentence here: {stored}\nbut now: {text}"
 
-    def list_unused(self) -> list[str]:
+    def list_unused_sentences(self) -> list[str]:
         """The stored sentences that the running test, which has ended, did not come to."""
         return self.sentences.get(self.file, {}).get(self.test, [])[self.count :]
 

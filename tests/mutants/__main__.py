@@ -43,7 +43,7 @@ class Outcome(NamedTuple):
     """The test that failed, or why none is known to have failed, and the seconds that it took."""
 
     killed: bool
-    said: str
+    message: str
     seconds: float
 
 
@@ -119,15 +119,17 @@ def kill_all(mutants: list[Mutant], jobs: int, root: Path) -> bool:
     try:
         shares = filter(None, (tests[k::jobs] for k in range(jobs)))
         for control in pool.map(lambda share: try_mutant(share, root), shares):
-            if control.said != "no test failed":
-                print(f"without a mutant: {control.said}")
+            if control.message != "no test failed":
+                print(f"without a mutant: {control.message}")
                 return False
         print(f"without a mutant {len(tests)} tests pass", flush=True)
         survivors = []
         outcomes = pool.map(lambda mutant: try_mutant(mutant.tests, root, mutant), mutants)
         for k, (mutant, outcome) in enumerate(zip(mutants, outcomes, strict=True)):
             text = (
-                f"killed by {outcome.said}" if outcome.killed else f"SURVIVED, {outcome.said}: {mutant.why}"
+                f"killed by {outcome.message}"
+                if outcome.killed
+                else f"SURVIVED, {outcome.message}: {mutant.why}"
             )
             print(f"{k + 1:3} of {len(mutants)} {outcome.seconds:5.1f} s  {mutant.name}: {text}", flush=True)
             survivors += [] if outcome.killed else [mutant.name]

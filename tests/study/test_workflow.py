@@ -41,7 +41,7 @@ def planned_jobs(tmp_path_factory):
 def plan(planned_jobs):
     """The jobs that a file or a rule needs: how many of each rule, and their files."""
 
-    def list_needed(target):
+    def list_needed_jobs(target):
         makers = {file: job for job in planned_jobs for file in job["output"]}
         waiting = [job for job in planned_jobs if target in (job["rule"], *job["output"])]
         assert waiting
@@ -54,7 +54,7 @@ def plan(planned_jobs):
         files = {file for job in needed for file in [*job["input"], *job["output"]]}
         return files, dict(Counter(job["rule"] for job in needed))
 
-    return list_needed
+    return list_needed_jobs
 
 
 def built(files):

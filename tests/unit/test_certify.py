@@ -56,7 +56,7 @@ class OtherSolver:
         u[~data] = spla.spsolve(A[~data][:, ~data].tocsc(), (F - A @ u)[~data])
         return u
 
-    def solve_constrained(self, share=1.0):
+    def solve_with_constraint(self, share=1.0):
         """u >= g at nodes, for a `share` of the load."""
         active = self.candidates
         for _ in range(50):
@@ -68,7 +68,7 @@ class OtherSolver:
             active = now
         raise AssertionError("the active set has no end")
 
-    def solve_penalised(self, parameter):
+    def solve_with_penalty(self, parameter):
         """A penalty over h for u < g at nodes."""
         active = self.candidates
         for _ in range(50):
@@ -82,7 +82,7 @@ class OtherSolver:
         raise AssertionError("the active set has no end")
 
     def solve_with_noise(self):
-        u = self.solve_constrained()
+        u = self.solve_with_constraint()
         noise = np.random.default_rng(0).standard_normal(len(u))
         return u + 0.01 * np.abs(u).max() * np.where(self.fixed, 0.0, noise)
 
@@ -114,11 +114,11 @@ def other_solver(natural):
 
 
 METHODS = {
-    "constraints at nodes": (lambda solver: solver.solve_constrained(), GOOD),
-    "penalty 10/h": (lambda solver: solver.solve_penalised(10), math.inf),
-    "penalty 1000/h": (lambda solver: solver.solve_penalised(1000), GOOD),
-    "half the load": (lambda solver: solver.solve_constrained(0.5), GOOD),
-    "no load": (lambda solver: solver.solve_constrained(0.0), math.inf),
+    "constraints at nodes": (lambda solver: solver.solve_with_constraint(), GOOD),
+    "penalty 10/h": (lambda solver: solver.solve_with_penalty(10), math.inf),
+    "penalty 1000/h": (lambda solver: solver.solve_with_penalty(1000), GOOD),
+    "half the load": (lambda solver: solver.solve_with_constraint(0.5), GOOD),
+    "no load": (lambda solver: solver.solve_with_constraint(0.0), math.inf),
     "noise of 1 %": (lambda solver: solver.solve_with_noise(), GOOD),
 }
 
@@ -134,8 +134,8 @@ def test_bounds_are_above_the_true_errors_and_near_them(method, limit, natural, 
 def test_half_the_load_is_seen(natural, other_solver):
     """Its true error is nine times that of the right solution."""
     mesh, solver = other_solver
-    right = certify_quietly(natural, mesh, solver.solve_constrained(1.0)).bounds.u
-    half = certify_quietly(natural, mesh, solver.solve_constrained(0.5)).bounds.u
+    right = certify_quietly(natural, mesh, solver.solve_with_constraint(1.0)).bounds.u
+    half = certify_quietly(natural, mesh, solver.solve_with_constraint(0.5)).bounds.u
     assert half > 5 * right
 
 
@@ -153,7 +153,7 @@ def test_the_index_does_not_grow_on_finer_meshes(natural):
     own_flux = []
     for n in (8, 16, 32):
         mesh = mesh_of(natural, n)
-        certificate = certify_quietly(natural, mesh, OtherSolver(natural, mesh).solve_constrained())
+        certificate = certify_quietly(natural, mesh, OtherSolver(natural, mesh).solve_with_constraint())
         indices.append(index(certificate))
         exact_slopes = replace(certificate.bounded, potential=None).local_bound
         own_flux.append(exact_slopes.u / certificate.true_errors(dual=False).h1)
@@ -211,7 +211,7 @@ def test_bounds_hold_with_coefficients_clamped_sides_and_nodes_in_any_order(k, c
     solver = OtherSolver(problem, mesh)
     (arrays, old) = shuffle_nodes(mesh)
     for share in (0.5, 1.0):
-        u = solver.solve_constrained(share)
+        u = solver.solve_with_constraint(share)
         certificate = ul.certify(problem, arrays, u[old])
         assert np.allclose(certificate.u, u[old], rtol=1e-14, atol=0)
         assert 1 <= certificate.bounds.u / error(mesh, u, k, c) <= GOOD
@@ -226,7 +226,7 @@ def test_bounds_hold_with_coefficients_clamped_sides_and_nodes_in_any_order(k, c
 def test_other_values_on_clamped_sides_are_counted():
     problem = make_clamped_problem(1, 1)
     mesh = mesh_of(problem, 16)
-    u = OtherSolver(problem, mesh).solve_constrained()
+    u = OtherSolver(problem, mesh).solve_with_constraint()
     u[mesh.points[:, 0] == 0] += 0.01
     assert error(mesh, u, 1, 1) <= certify_quietly(problem, mesh, u).bounds.u
 
@@ -243,7 +243,7 @@ def test_a_multiplier_takes_the_place_of_lambda_h():
     """lambda = 2 on side 1. One that is larger by 1 there is that far from it: by <1, x> / |||x|||."""
     problem = make_clamped_problem(1, 1)
     mesh = mesh_of(problem, 16)
-    u = OtherSolver(problem, mesh).solve_constrained()
+    u = OtherSolver(problem, mesh).solve_with_constraint()
     exact = np.where(mesh.side == 1, 2.0, math.nan)
     right = ul.certify(problem, mesh, u, exact)
     wrong = ul.certify(problem, mesh, u, exact + 1)
@@ -293,13 +293,13 @@ def test_a_mesh_without_a_node_in_contact_is_refused_with_what_mends_it():
 def test_a_solution_that_penetrates_far_is_told_of(natural, other_solver):
     mesh, solver = other_solver
     with pytest.warns(ul.SolutionWarning, match="most of the bound on the error of u is for u < g"):
-        ul.certify(natural, mesh, solver.solve_penalised(10))
-    ul.certify(natural, mesh, solver.solve_constrained())  # control: no warning
+        ul.certify(natural, mesh, solver.solve_with_penalty(10))
+    ul.certify(natural, mesh, solver.solve_with_constraint())  # control: no warning
 
 
 def test_shares_say_where_the_error_is(natural, other_solver):
     mesh, solver = other_solver
-    u = solver.solve_constrained()
+    u = solver.solve_with_constraint()
     node = int(np.argmin(np.hypot(*(mesh.points - 0.5).T)))
     wrong = ul.certify(natural, mesh, u + (np.arange(len(u)) == node))
     there = np.any(mesh.triangles == node, axis=1)
@@ -310,7 +310,7 @@ def test_shares_say_where_the_error_is(natural, other_solver):
 
 def test_it_is_kept_as_what_it_is(natural, other_solver):
     mesh, solver = other_solver
-    certificate = ul.certify(natural, mesh, solver.solve_constrained(0.5))
+    certificate = ul.certify(natural, mesh, solver.solve_with_constraint(0.5))
     again = copy.deepcopy(certificate)
     assert "\n  u                of another program\n" in repr(again)
     assert again.bounds == certificate.bounds
@@ -326,7 +326,7 @@ def test_it_is_kept_as_what_it_is(natural, other_solver):
 def test_files_have_the_shares(natural, other_solver, tmp_path):
     meshio = pytest.importorskip("meshio")
     mesh, solver = other_solver
-    certificate = ul.certify(natural, mesh, solver.solve_constrained())
+    certificate = ul.certify(natural, mesh, solver.solve_with_constraint())
     certificate.save(tmp_path / "u.vtu")
     stored_shares = meshio.read(tmp_path / "u.vtu").cell_data_dict["error_share"]
     assert np.array_equal(stored_shares["triangle"], certificate.error_shares)

@@ -37,9 +37,9 @@ def test_a_stored_sentence_that_a_test_does_not_come_to_is_noticed():
     recorder.sentences = {"a.py": {"test": ["one", "two"]}}
     recorder.begin("a.py::test")
     recorder.check("one")
-    assert recorder.list_unused() == ["two"]
+    assert recorder.list_unused_sentences() == ["two"]
     recorder.check("two")
-    assert recorder.list_unused() == []
+    assert recorder.list_unused_sentences() == []
 
 
 def test_a_rewrite_stores_what_the_tests_say_now(tmp_path, monkeypatch):

@@ -39,7 +39,7 @@ FIT = 10
 RE_ENTRANT = [[0, 0], [2, 0], [2, 2], [1.2, 0.8], [0, 1.5]]
 
 
-def select_adapted(done):
+def select_adapted_levels(done):
     return [level for level in done if level.solved.mesh.is_adapted]
 
 
@@ -79,7 +79,7 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
     """
     case = problem(name)
     done = levels(case, Goal(accuracy, max_unknowns=12_000))
-    assert len(select_adapted(done)) > 1
+    assert len(select_adapted_levels(done)) > 1
     for level in done:
         assert error_of(case, level) <= level.total
     assert done[-1].certified
@@ -120,7 +120,7 @@ def test_the_bound_falls_like_the_unknowns_to_the_power_one_half(name):
     On uniform meshes it tends to 1/3 and 3/8, half of what regularity gives. At the re-entrant corner u of
     `violates_j` is like r^(2/3), as that of `reentrant` is, and its f costs less.
     """
-    done = select_adapted(many_levels(name))[-3:]
+    done = select_adapted_levels(many_levels(name))[-3:]
     unknowns = [level.unknowns for level in done]
     assert unknowns[-1] >= FIT * unknowns[0]
     assert rate(unknowns, [level.total for level in done]) >= 0.47
@@ -128,12 +128,12 @@ def test_the_bound_falls_like_the_unknowns_to_the_power_one_half(name):
 
 def test_where_triangles_share_the_bound_alike_meshes_stay_uniform():
     """`natural` varies alike everywhere, an L-shape's u does not; a mesh or solver may be asked for."""
-    assert not select_adapted(levels(load("natural").problem, Goal(0.06)))
-    assert select_adapted(levels(problem(LSHAPE), Goal(0.2)))
+    assert not select_adapted_levels(levels(load("natural").problem, Goal(0.06)))
+    assert select_adapted_levels(levels(problem(LSHAPE), Goal(0.2)))
     asked_for = levels(problem(LSHAPE), Goal(0.2, kind="structured"))
-    assert not select_adapted(asked_for)
+    assert not select_adapted_levels(asked_for)
     assert refinement_pays(asked_for[-1])
-    assert not select_adapted(levels(problem(LSHAPE), Goal(0.2, stop=Stop(algorithm="nesterov"))))
+    assert not select_adapted_levels(levels(problem(LSHAPE), Goal(0.2, stop=Stop(algorithm="nesterov"))))
 
 
 def test_adapted_meshes_need_fewer_unknowns_than_uniform_ones():
@@ -206,7 +206,7 @@ def test_triangles_are_halved_at_least_as_often_as_asked():
 
 def test_few_systems_are_solved_on_a_mesh():
     """The sets and u of the mesh before are a start: fewer iterations than from nothing."""
-    *_, last = [level for level in select_adapted(many_levels("singular")) if level.unknowns < 5000]
+    *_, last = [level for level in select_adapted_levels(many_levels("singular")) if level.unknowns < 5000]
     anew = multilevel(problem("singular"), last.solved.mesh, last.partition)
     cold = anew.iterate(last.algebraic, Stop())
     assert last.solved.result.iterations < cold.result.iterations
@@ -241,7 +241,7 @@ def test_a_solution_known_on_a_polygon_that_is_not_convex(problem_of):
     exact = Manufactured(Polygon(np.array(RE_ENTRANT)), u)
     done = levels(problem_of(polygon=RE_ENTRANT, f=str(exact.formulas[0]), g=u), Goal(0.05))
     assert done[-1].certified
-    assert select_adapted(done)
+    assert select_adapted_levels(done)
     for level in done:
         assert exact.error(level.solved.mesh, level.solved.u_h, [Feature(0 * X, 0.1)]) <= level.total
 
@@ -250,7 +250,7 @@ def test_multipliers_stay_away_from_free_sides(problem_of):
     """On adapted meshes, too; u = 0 is pushed away from the bottom only."""
     free = {"g": "[0, null, null, null]", "free_sides": [1, 2, 3]}
     problem = problem_of(f="-10*exp(-100*(x**2 + y**2))", **free)
-    done = select_adapted(levels(problem, Goal(0.1, max_unknowns=4000)))
+    done = select_adapted_levels(levels(problem, Goal(0.1, max_unknowns=4000)))
     assert done
     for level in done:
         assert level.solved.lambda_H.max() > 0
@@ -270,7 +270,7 @@ def test_a_tiny_c_without_a_clamped_side_is_no_obstacle(free):
 def test_units_of_k_and_of_lengths_change_nothing():
     """k is 2^40, and lengths are 2^-20: the meshes are the same, and the certified accuracy nearly so."""
 
-    def search_scaled(k, L):
+    def search_in_units(k, L):
         x = f"(x/{L})"
         y = f"(y/{L})"
         u = f"({x} + {x}*{y}/2 + sin(3*{x})*sinh(3*{y})/40)"
@@ -278,8 +278,8 @@ def test_units_of_k_and_of_lengths_change_nothing():
         side_data = {"g": [None, u, u, None, None], "u": {0: x, 3: u, 4: u}}
         return search(Problem(vertices, "0", k=k, c=0, **side_data), Goal(0.05))
 
-    result = search_scaled(1, 1.0)
-    scaled = search_scaled(2**40, 2.0**-20)
+    result = search_in_units(1, 1.0)
+    scaled = search_in_units(2**40, 2.0**-20)
     assert result.certified
     assert scaled.certified
     assert all(level.solved.result.converged for level in scaled.levels)

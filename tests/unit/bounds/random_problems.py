@@ -308,7 +308,7 @@ class Zone(NamedTuple):
 
     start: sympy.Rational
     end: sympy.Rational
-    part: Part
+    summand: Part
 
 
 def zone(rng, vertices, side, start, end):
@@ -395,7 +395,7 @@ def draw_contact_zones(rng):
     components = [Part(dyadic(rng.uniform(-2, 2))), flat(rng, vertices)]
     components += [bump(rng, polygon) for _ in range(rng.choice([0, 1, 1, 2]))]
     level = components[0].u
-    components += [entry.part for side in zones for entry in side]
+    components += [entry.summand for side in zones for entry in side]
     # u' = level on the boundary: so g' has no other terms, which vanish there
     trace = sum(component.u for component in components) - level
     return vertices, components, [entry + trace for entry in gap], tuple(free if len(free) < n else free[1:])

@@ -133,7 +133,9 @@ def true_error(exact, mesh, u_h):
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^{1/2} on the exact mesh, where u - u_h is linear on triangles."""
     places = exact_nodes(mesh)
     problem = exact.problem
-    displaced = (exact.evaluate(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[mesh.triangles]
+    displaced = (exact.evaluate(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[
+        mesh.triangles
+    ]
     x, y = places[mesh.triangles].transpose(2, 0, 1)
     e = np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1)
     f = np.roll(y, 1, axis=1) - np.roll(y, -1, axis=1)

@@ -105,7 +105,8 @@ def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
 
 def extension_norm(triangle, r, form=H1):
     """||w|| of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
-    (a, b, c), s, x, y = triangle, sympy.Symbol("s"), *sympy.symbols("x y")
+    a, b, c = triangle
+    s, x, y = sympy.symbols("s x y")
     length = float(np.hypot(*(b - a)))
     e = (b - a) / length
     n = np.array([a[1] - b[1], b[0] - a[0]]) / length
@@ -281,7 +282,8 @@ def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length, f
     foot, height = feasible._extension_apexes(mesh, form)
     allowed = feasible._extension_constants(mesh, form, foot, height)[0]
     triangle = points[0], points[1], np.array([foot[0], height[0]])
-    s, nodes, weights = sympy.Symbol("s"), *np.polynomial.legendre.leggauss(12)
+    s = sympy.Symbol("s")
+    nodes, weights = np.polynomial.legendre.leggauss(12)
     ratios = []
     for r in (sympy.sin(sympy.pi * s / length), s**3 * (length - s), s * (length - s) ** 3):
         slope = sympy.lambdify(s, sympy.diff(r, s))(0.5 * length * (1 + nodes))

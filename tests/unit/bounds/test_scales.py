@@ -59,7 +59,7 @@ def bounds(solution: ul.Solution) -> list[float]:
     return [number for item in pair if item for number in (item.u, item.multiplier)]
 
 
-def is_bounded(solution: ul.Solution, name: str, size: float) -> bool:
+def has_valid_bounds(solution: ul.Solution, name: str, size: float) -> bool:
     solved = solution.solved
     error = relative_error(solved.mesh, solved.u_h, solved.form, name, size)
     return 0 < error <= min(bounds(solution)[::2]) / size < math.inf
@@ -82,7 +82,7 @@ def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, po
     np.testing.assert_allclose(
         np.array(bounds(scaled)) / size, bounds(first), rtol=1e-6, atol=2 * missing / size
     )
-    assert is_bounded(scaled, name, size)
+    assert has_valid_bounds(scaled, name, size)
 
 
 def test_data_beyond_are_refused() -> None:
@@ -99,15 +99,15 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
     """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
     monkeypatch.setattr(data_checks, "MIN_DATA_SIZE", 0.0)
 
-    def solve_posed() -> ul.Solution:
+    def solve_small_cosine() -> ul.Solution:
         posed_problem = problem("cosine", repr(size))
         return ul.solve(posed_problem, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
 
-    assert is_bounded(solve_posed(), "cosine", size)
+    assert has_valid_bounds(solve_small_cosine(), "cosine", size)
     monkeypatch.setattr(flux_residuals, "UNDERFLOW", 0.0)
     monkeypatch.setattr(residual_norm, "UNDERFLOW", 0.0)
     monkeypatch.setattr(residual_norm, "QUOTIENT_UNDERFLOW", 0.0)
-    assert not is_bounded(solve_posed(), "cosine", size)
+    assert not has_valid_bounds(solve_small_cosine(), "cosine", size)
 
 
 def test_bounds_are_as_small_as_f_beside_a_large_obstacle_that_is_not_touched() -> None:
@@ -115,7 +115,7 @@ def test_bounds_are_as_small_as_f_beside_a_large_obstacle_that_is_not_touched() 
     size = 2.0**-400
     problem = ul.Problem(square(1), f"{size!r}*(1 + pi**2)*cos(pi*x)", g="-1")
     solution = ul.solve(problem, h=1 / 16, H=1 / 8)
-    assert is_bounded(solution, "cosine", size)
+    assert has_valid_bounds(solution, "cosine", size)
     assert max(bounds(solution)) < size
     assert solution.solved.result.bound < 0.01 * size
 
@@ -136,7 +136,7 @@ def test_errors_are_bounded_on_polygons_of_all_sizes(length: float, name: str, a
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ul.SolutionWarning)
         solution = ul.solve(problem(name, "1", length), **sizes)
-    assert is_bounded(solution, name, 1.0)
+    assert has_valid_bounds(solution, name, 1.0)
     assert solution.converged or (name, algorithm) == ("constant", "multigrid")
 
 
@@ -149,7 +149,7 @@ def test_errors_are_bounded_for_the_largest_polygons_and_data(algorithm: str, si
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ul.SolutionWarning)
         solution = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)
-    assert is_bounded(solution, "contact", size)
+    assert has_valid_bounds(solution, "contact", size)
     assert solution.converged or algorithm == "active_set"
 
 
@@ -160,4 +160,4 @@ def test_errors_are_bounded_for_the_largest_polygons_and_data(algorithm: str, si
 def test_errors_are_bounded_for_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
     """One of the two is nothing beside the other, or both are large or small."""
     solution = ul.solve(problem(name, "1", k=k, c=c), h=1 / 8, H=1 / 4)
-    assert is_bounded(solution, name, 1.0)
+    assert has_valid_bounds(solution, name, 1.0)

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from nested import forget_refinement, grade_nested, refine_at_random
+from nested import forget_refinement, grade_mesh_levels, refine_at_random
 from sources import FORMULAS, HATS, Counted, Source, mean
 from sympy import Rational
 
@@ -37,7 +37,7 @@ MESHES = {
     "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 12),
     "kite": lambda: meshes.refine_uniformly(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 3), 2),
     "far": lambda: meshes.refine_uniformly(meshes.make_unstructured_mesh(FAR, 1 / 3), 2),
-    "at a corner": lambda: grade_nested(make_structured_mesh(find_polygon("lshape"), 1 / 2), 2, 12).mesh,
+    "at a corner": lambda: grade_mesh_levels(make_structured_mesh(find_polygon("lshape"), 1 / 2), 2, 12).mesh,
     "at random": lambda: (
         refine_at_random(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 2), 6, 5).mesh
     ),
@@ -542,7 +542,7 @@ def test_what_is_unknown_stays_unknown():
 
 
 def deep(times):
-    return grade_nested(make_structured_mesh(square(), 1 / 2), 0, times).meshes
+    return grade_mesh_levels(make_structured_mesh(square(), 1 / 2), 0, times).meshes
 
 
 def test_far_descendants_are_asked_for_again():

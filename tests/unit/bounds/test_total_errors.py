@@ -32,14 +32,14 @@ class Parts:
     space: Space
     form: Form
     misfit: np.ndarray
-    others: np.ndarray
+    remainder_load: np.ndarray
 
     def _replace(self, s_prime=math.inf, **changes):
         assert np.all(np.isinf(s_prime))
         return replace(self, **changes)
 
     def functional(self):
-        return self.space.G.T @ self.misfit + self.others
+        return self.space.G.T @ self.misfit + self.remainder_load
 
     def dual_norms(self):
         A = self.space.matrix(self.form)
@@ -223,7 +223,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, field, wrong):
         w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], original.functional()[V])
         misfit = original.misfit + trial.form.k * trial.space.G @ w
         components = replace(
-            original, misfit=misfit, others=original.others + trial.form.c * trial.space.M @ w
+            original, misfit=misfit, remainder_load=original.remainder_load + trial.form.c * trial.space.M @ w
         )
         missing = field * math.sqrt(w @ trial.A @ w)
         return trial.bounds(v_residual=bound_residual(components, missing, trial.v_residual.B))

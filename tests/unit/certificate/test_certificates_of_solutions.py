@@ -188,18 +188,18 @@ class Checked(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def checked(tmp_path_factory):
+def check_certificate(tmp_path_factory):
     folder = tmp_path_factory.mktemp("certificates")
 
     @cache
-    def checked(name):
+    def check_certificate(name):
         solution = (SOLUTIONS | EXTREMES)[name]()
         path = folder / f"{name}.json.gz"
         solution.save_certificate(path)
         stated = json.loads(gzip.decompress(path.read_bytes()))
         return Checked(solution, stated, *bounds_of(stated))
 
-    return checked
+    return check_certificate
 
 
 def bounds_of(stated):
@@ -209,10 +209,10 @@ def bounds_of(stated):
 
 
 @pytest.mark.parametrize("name", SOLUTIONS)
-def test_the_bounds_are_those_of_the_project(name, checked):
+def test_the_bounds_are_those_of_the_project(name, check_certificate):
     """At most 3 % apart, for these problems have little oscillation."""
-    proved = checked(name)
-    bounds = checked(name).solution.bounds
+    proved = check_certificate(name)
+    bounds = check_certificate(name).solution.bounds
     assert float(proved.u) == pytest.approx(bounds.u, rel=0.03)
     assert proved.multiplier <= 1.03 * bounds.multiplier
     assert proved.multiplier >= 0.97 * bounds.multiplier or name in CELLS_CUT_EDGES
@@ -229,19 +229,19 @@ def test_a_problem_without_contact_has_a_certificate(tmp_path):
 
 
 @pytest.mark.parametrize("name", PROVED)
-def test_the_check_proves_the_numbers_of_the_project(name, checked):
+def test_the_check_proves_the_numbers_of_the_project(name, check_certificate):
     """Up to 1e-4 of them, which leaves room for other polynomials in the place of f and g."""
-    proved = checked(name)
-    bounds = checked(name).solution.bounds
+    proved = check_certificate(name)
+    bounds = check_certificate(name).solution.bounds
     assert proved.u <= 1.0001 * bounds.u
     assert proved.multiplier <= 1.0001 * bounds.multiplier
 
 
 @pytest.mark.parametrize("name", EXTREMES)
-def test_the_check_proves_the_numbers_for_all_ratios_of_c_and_k(name, checked):
+def test_the_check_proves_the_numbers_for_all_ratios_of_c_and_k(name, check_certificate):
     """The multiplier of layers is bounded by less than what the project says."""
-    proved = checked(name)
-    bounds = checked(name).solution.bounds
+    proved = check_certificate(name)
+    bounds = check_certificate(name).solution.bounds
     extra = REST_OF_FORMULA.get(name, 0)
     assert 0.97 * bounds.u <= proved.u <= 1.0001 * bounds.u + extra
     if not name.startswith("clamped"):
@@ -257,10 +257,10 @@ def test_the_check_proves_the_numbers_for_all_ratios_of_c_and_k(name, checked):
     ],
     ids=["by parts", "C from the field", "S with C"],
 )
-def test_the_check_needs_each_of_its_bounds(name, text, replacement, checked):
+def test_the_check_needs_each_of_its_bounds(name, text, replacement, check_certificate):
     """Control: a layer needs the bound by parts, and a tiny c the constant of the field."""
-    u, _ = checker((text, replacement)).Certificate(checked(name).stated).bounds()
-    assert u > 2 * checked(name).solution.bounds.u
+    u, _ = checker((text, replacement)).Certificate(check_certificate(name).stated).bounds()
+    assert u > 2 * check_certificate(name).solution.bounds.u
 
 
 @pytest.mark.parametrize("name", POLYGONS)
@@ -275,10 +275,12 @@ def test_the_check_proves_the_numbers_where_nodes_are_rounded(name, tmp_path):
     assert 0 < u <= solution.bounds.u
 
 
-def test_another_flux_has_another_bound(checked):
+def test_another_flux_has_another_bound(check_certificate):
     """Control: 3 % are few."""
-    stated = checked("own mesh").stated | {"flux": [0.9 * z for z in checked("own mesh").stated["flux"]]}
-    assert bounds_of(stated)[0] > 1.03 * checked("own mesh").solution.bounds.u
+    stated = check_certificate("own mesh").stated | {
+        "flux": [0.9 * z for z in check_certificate("own mesh").stated["flux"]]
+    }
+    assert bounds_of(stated)[0] > 1.03 * check_certificate("own mesh").solution.bounds.u
 
 
 def interpreters():

@@ -373,7 +373,7 @@ def test_each_corruption_is_refused_or_its_bound_holds(make, judge):
 )
 def test_a_spoilt_checker_is_exposed(make, component, judge):
     """Control."""
-    attack = next(attack for attack in ATTACKS if attack.part == component)
+    attack = next(attack for attack in ATTACKS if attack.checker_part == component)
     _, minimum = judge(checker((attack.text, attack.replacement)), make)
     assert minimum < 1 - ROUNDING
 

@@ -49,7 +49,7 @@ class Attack(NamedTuple):
     The error is |||u - v||| or, if `is_dual`, the dual norm of k du/dn - p.n.
     """
 
-    part: str
+    checker_part: str
     text: str
     replacement: str
     certificate: dict
@@ -405,14 +405,14 @@ def bound(module, attack):
         return None
 
 
-@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.part)
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.checker_part)
 def test_a_checker_without_a_line_prints_a_bound_below_the_error(attack):
     lie = bound(checker((attack.text, attack.replacement)), attack)
     assert lie is not None
     assert lie < 0.99 * attack.error
 
 
-@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.part)
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.checker_part)
 def test_the_checker_itself_refuses_or_its_bound_holds(attack):
     answer = bound(GENUINE, attack)
     assert answer is None or answer >= attack.error

@@ -68,14 +68,16 @@ def test_the_exit_codes_are_those_of_help():
         assert {"0", "2", "4", "130", "143"} <= {*codes.split(", ")} <= {*in_help}
 
 
-def read_printed(capsys, *arguments):
+def read_printed_json(capsys, *arguments):
     assert main([*arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
 def test_the_page_lists_the_fields_of_solve(capsys):
-    assert fields("solve") == list(read_printed(capsys, "solve", "full_contact", "--h", "1/4", "--H", "1/2"))
-    plan = read_printed(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
+    assert fields("solve") == list(
+        read_printed_json(capsys, "solve", "full_contact", "--h", "1/4", "--H", "1/2")
+    )
+    plan = read_printed_json(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
     (message,) = re.findall(
         r"With `--dry-run` there are (.*?)\.$", SECTIONS["solve"], re.MULTILINE | re.DOTALL
     )
@@ -83,7 +85,7 @@ def test_the_page_lists_the_fields_of_solve(capsys):
 
 
 def test_the_page_lists_the_fields_of_cases(capsys):
-    output = read_printed(capsys, "cases", "natural")
+    output = read_printed_json(capsys, "cases", "natural")
     assert set(fields("cases")) == set(output) | set(output["polygons"][0])
     (message,) = re.findall(r"^In the list of all cases polygons have .*$", TEXT, re.MULTILINE)
     listed = re.findall(r"`(\w+)`", message)
@@ -91,7 +93,7 @@ def test_the_page_lists_the_fields_of_cases(capsys):
 
 
 def test_the_page_lists_the_fields_of_infsup(capsys):
-    output = read_printed(capsys, "infsup", "--polygon", "square", "--h", "1/4", "--H", "1/2")
+    output = read_printed_json(capsys, "infsup", "--polygon", "square", "--h", "1/4", "--H", "1/2")
     assert set(fields("infsup")) == set(output)
 
 

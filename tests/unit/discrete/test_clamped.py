@@ -115,7 +115,7 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     return Manufactured(problem, exact, float(k), float(c), contact)
 
 
-def solve_manufactured(manufactured: Manufactured, path: str):
+def solve_by_path(manufactured: Manufactured, path: str):
     h = 1 / 8
     if path == "nested":
         return ul.solve(manufactured.problem, h=h, H=2 * h, stop=ul.Stop(algorithm="multigrid"))
@@ -172,7 +172,7 @@ def dual_error(manufactured: Manufactured, s) -> float:
 def test_bounds_are_above_the_true_errors(seed: int, k: object, c: object) -> None:
     """u is in H^2. Each path has its turn with each pair of coefficients."""
     problem = random_problem(seed, k, c)
-    s = solve_manufactured(problem, PATHS[seed % len(PATHS)])
+    s = solve_by_path(problem, PATHS[seed % len(PATHS)])
     u_error = error(problem, s)
     lambda_error = dual_error(problem, s)
     for bounds in (s.bounds, s.sharp_bounds):
@@ -188,7 +188,7 @@ def test_bounds_do_not_mind_coefficients(seed: int, k: str, c: str) -> None:
     residual knew c/k, the quotient for a smooth u was like h (c/k)^(1/2).
     """
     problem = random_problem(seed, k, c)
-    s = solve_manufactured(problem, PATHS[seed % len(PATHS)])
+    s = solve_by_path(problem, PATHS[seed % len(PATHS)])
     u_error = error(problem, s)
     lambda_error = dual_error(problem, s)
     assert u_error <= s.bounds.u <= 10 * u_error
@@ -199,13 +199,13 @@ def test_bounds_do_not_mind_coefficients(seed: int, k: str, c: str) -> None:
 @pytest.fixture(scope="module")
 def solution_without_reaction() -> ul.Solution:
     """The adapted solution of a problem with c = 0, beside which tiny reactions are put."""
-    return solve_manufactured(random_problem(67, 1_000_000, 0), "adapted")
+    return solve_by_path(random_problem(67, 1_000_000, 0), "adapted")
 
 
 @pytest.mark.parametrize("c", [f"1/{10**n}" for n in (3, 6, 9, 24)])
 def test_a_tiny_reaction_costs_no_accuracy(c, solution_without_reaction) -> None:
     """c u is next to nothing beside f. One per cent is room for what the terms with c add."""
-    s = solve_manufactured(random_problem(67, 1_000_000, c), "adapted")
+    s = solve_by_path(random_problem(67, 1_000_000, c), "adapted")
     assert s.search.certified
     assert len(s.u) == len(solution_without_reaction.u)
     assert s.bounds.u == pytest.approx(solution_without_reaction.bounds.u, rel=0.01)

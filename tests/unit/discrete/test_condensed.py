@@ -29,7 +29,7 @@ on_every_case = pytest.mark.parametrize("name", NAMES)
 
 
 @cache
-def solve_named(name, n=16, m=8):
+def solve_case(name, n=16, m=8):
     return solve_condensed_problem(discrete(name, n, m))
 
 
@@ -73,7 +73,7 @@ def split_defect(sample, solution, sign=1.0):
 def test_the_error_splits_exactly(name):
     """To rounding where the quadrature of smooth u leaves only that, else to its share."""
     discrete_problem = discrete(name, 16, 8)
-    solution = solve_named(name)
+    solution = solve_case(name)
     defect, square_of_error = split_defect(discrete_problem, solution)
     smooth = name in ("full_contact", "no_contact")
     assert defect <= (1e-10 * discrete_problem.exact.ritz.u_norm**2 if smooth else 1e-4 * square_of_error)
@@ -84,7 +84,7 @@ def test_the_error_splits_exactly(name):
 
 @pytest.mark.parametrize("name", WITH_LAMBDA)
 def test_a_sign_error_in_the_coupling_breaks_the_split(name):
-    defect, square_of_error = split_defect(discrete(name, 16, 8), solve_named(name), sign=-1.0)
+    defect, square_of_error = split_defect(discrete(name, 16, 8), solve_case(name), sign=-1.0)
     assert defect > 1e-2 * square_of_error
 
 
@@ -98,7 +98,7 @@ def test_quadratures_share_shrinks_with_the_degree(name):
 
 
 def test_no_contact_has_no_multiplier():
-    assert not np.any(solve_named("no_contact").lambda_H)
+    assert not np.any(solve_case("no_contact").lambda_H)
 
 
 @pytest.mark.parametrize("start", [0.0, 2.0])
@@ -122,7 +122,7 @@ def test_a_constant_that_touches_the_obstacle_needs_no_force(start):
 def test_the_solution_is_balanced_globally(name, ratio):
     """v = 1 in (2.1): int u_h - int f = int lambda_H, here from u_h's own integral too."""
     discrete_problem = discrete(name, 16, 16 // ratio)
-    solution = solve_named(name, 16, 16 // ratio)
+    solution = solve_case(name, 16, 16 // ratio)
     mesh = discrete_problem.exact.ritz.condensed.mesh
     integral = mesh.areas @ solution.u_h[mesh.triangles].mean(axis=1)
     force = discrete_problem.exact.cell_means.partition.lengths @ solution.lambda_H
@@ -133,7 +133,7 @@ def test_the_solution_is_balanced_globally(name, ratio):
 @pytest.mark.parametrize("name", WITH_LAMBDA)
 def test_the_l2_error_of_lambda_is_that_by_quadrature(name):
     cells = discrete(name, 16, 8).exact.cell_means
-    solution = solve_named(name)
+    solution = solve_case(name)
     case = discrete(name, 16, 8).exact.ritz.case
     rule = boundary_rule(case.polygon, cells.partition.points, case.singular_points())
     _, flux, _ = case.trace_flux_and_gap(rule.side, rule.s)
@@ -175,7 +175,7 @@ def test_a_wrong_power_is_not_what_getfem_has(case_like):
 def test_the_algebraic_error_is_a_hundredth_of_each_error(name):
     """Divided by the norm equivalences of the L2 and the H^(-1/2) norm; ||.||_{-1/2} >= ||.||_{-1/2,h}."""
     discrete_problem = discrete(name, 16, 8)
-    solution = solve_named(name)
+    solution = solve_case(name)
     bound = solution.result.bound
     lambda_min = discrete_problem.spaces.operator.lambda_min
     assert solution.result.converged
@@ -187,23 +187,23 @@ def test_the_algebraic_error_is_a_hundredth_of_each_error(name):
 
 
 def test_auto_takes_plain_uzawa_where_beta_is_positive():
-    assert solve_named("natural").result.algorithm == "uzawa"
+    assert solve_case("natural").result.algorithm == "uzawa"
 
 
 def test_auto_takes_the_active_set_where_beta_is_zero():
     """At H = h, where lambda is not judged and its errors are NaN."""
-    solution = solve_named("natural", 16, 16)
+    solution = solve_case("natural", 16, 16)
     assert solution.result.algorithm == "active_set"
     errors = exact_errors(discrete("natural", 16, 16), solution)
     assert math.isnan(errors.l2)
     assert math.isnan(errors.hm12_discrete)
-    known_exact_errors = exact_errors(discrete("natural", 16, 8), solve_named("natural"))
+    known_exact_errors = exact_errors(discrete("natural", 16, 8), solve_case("natural"))
     assert errors.h1 == pytest.approx(known_exact_errors.h1, rel=0.2)
 
 
 def test_auto_accelerates_where_too_many_steps_are_predicted():
     discrete_problem = discrete("natural", 16, 8)
-    plain = solve_named("natural")
+    plain = solve_case("natural")
     fast = solve_condensed_problem(discrete_problem, Stop(max_steps=int(plain.result.iterations) // 2))
     assert fast.result.algorithm == "nesterov"
     assert fast.result.converged

@@ -30,7 +30,7 @@ class Known:
 
     polygon: list
     u: str
-    held: dict
+    gaps: dict
     k: int = 1
     c: int = 1
 
@@ -48,9 +48,9 @@ class Known:
         u = self.formula
         f = -self.k * (u.diff(X, 2) + u.diff(Y, 2)) + self.c * u
         sides = range(len(self.polygon))
-        g = [f"{self.u} - ({self.held[i]})" if i in self.held else None for i in sides]
-        q = [None if i in self.held else str(self.fluxes[i]) for i in sides]
-        free = [i for i in sides if i not in self.held]
+        g = [f"{self.u} - ({self.gaps[i]})" if i in self.gaps else None for i in sides]
+        q = [None if i in self.gaps else str(self.fluxes[i]) for i in sides]
+        free = [i for i in sides if i not in self.gaps]
         return ul.Problem(self.polygon, str(f), g, free, k=self.k, c=self.c, q=q)
 
     def error(self, computed):
@@ -84,7 +84,7 @@ def test_the_solutions_solve_their_problems(name):
     """lambda >= 0, gap >= 0, one of both 0, in points of the sides that are held."""
     problem = PROBLEMS[name]
     t = np.linspace(0, 1, 101)[:, None]
-    for side, gap in problem.held.items():
+    for side, gap in problem.gaps.items():
         start = np.array(problem.polygon[side % len(problem.polygon)], dtype=float)
         end = np.array(problem.polygon[(side + 1) % len(problem.polygon)], dtype=float)
         x, y = (start + t * (end - start)).T
@@ -118,8 +118,8 @@ def test_errors_fall_as_proved_below_both_bounds(name):
         assert errors[-1] <= solution.bounds.u <= 2 * errors[-1]
         assert imbalance(solution) <= 1e-10
         for side, force in enumerate(solution.forces(sharp=True).sides):
-            assert force.lower <= (problem.force(side) if side in problem.held else 0.0) + 1e-12
-            assert force.upper >= (problem.force(side) if side in problem.held else 0.0) - 1e-12
+            assert force.lower <= (problem.force(side) if side in problem.gaps else 0.0) + 1e-12
+            assert force.upper >= (problem.force(side) if side in problem.gaps else 0.0) - 1e-12
     assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) >= 0.9)
     assert solution.sharp_bounds.multiplier <= solution.bounds.multiplier / 2
 

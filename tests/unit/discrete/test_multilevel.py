@@ -106,7 +106,7 @@ on_both_meshes = pytest.mark.parametrize(
 )
 
 
-def solve_condensed(problem, discrete):
+def solve_by_condensation(problem, discrete):
     """The same discrete problem, condensed, and its solution by Lawson's and Hanson's active sets."""
     second = discretise(put_on_mesh(problem, discrete.mesh), discrete.mesh, discrete.partition)
     return second, second.solve(Stop(tolerance=1e-11, algorithm="active_set"))
@@ -117,7 +117,7 @@ def test_both_ways_lead_to_the_same_solution(name, discretise_on_mesh, arguments
     """By active sets and by clarabel, both independent of these sets and steps."""
     problem = load_problem(name)
     discrete = discretise_on_mesh(problem, *arguments)
-    reference, expected = solve_condensed(problem, discrete)
+    reference, expected = solve_by_condensation(problem, discrete)
     solved = discrete.solve(EXACTLY)
     assert discrete.mesh.is_adapted == (discretise_on_mesh is discretise_on_random_mesh)
     assert solved.result.algorithm == "multigrid"
@@ -149,7 +149,7 @@ def test_both_ways_lead_to_the_same_solution(name, discretise_on_mesh, arguments
 def test_the_comparison_notices_another_load_and_a_cell_that_is_left_out():
     """f that is a millionth larger has another solution."""
     discrete = discretise_on_uniform_mesh(load_problem("functions"))
-    second, expected = solve_condensed(load_problem("functions"), discrete)
+    second, expected = solve_by_condensation(load_problem("functions"), discrete)
     larger = ul.Problem(
         KITE, lambda x, y: (1 + 1e-6) * (np.exp(x) - 4 * y - 2), g=load_problem("functions").g[0]
     )

@@ -168,13 +168,13 @@ def table(method):
 
 
 class SolvedLevel(NamedTuple):
-    """A level of a case as this project and an author see it; `own` are this project's errors."""
+    """A level of a case as this project and an author see it; `own_errors` are this project's errors."""
 
     case: Problem
     level: ExportedLevel
     discrete: CondensedProblem
     u_h: Array
-    own: Errors
+    own_errors: Errors
     author: author.Level
 
     def diagnose(self, folder, bug, method):
@@ -187,7 +187,7 @@ class SolvedLevel(NamedTuple):
         foreign_solution = read_foreign_solution(
             [self.level], str(files[0]), None if cells is None else str(files[1])
         )
-        return diagnose_solution(self.case, foreign_solution, self.discrete, self.own, self.u_h)
+        return diagnose_solution(self.case, foreign_solution, self.discrete, self.own_errors, self.u_h)
 
 
 @pytest.fixture(scope="module")
@@ -275,7 +275,7 @@ def test_no_bug_is_named_by_chance(exported_cases):
             example.case,
             ForeignSolution("", example.level, u, None, ""),
             example.discrete,
-            example.own,
+            example.own_errors,
             example.u_h,
         )
         assert all(not fault.is_explained for fault in diagnosis.faults)
@@ -287,7 +287,7 @@ def test_no_bug_is_named_by_chance(exported_cases):
             example.case,
             ForeignSolution("", example.level, u, right, ""),
             example.discrete,
-            example.own,
+            example.own_errors,
             example.u_h,
         )
         assert [fault.is_explained for fault in diagnosis.faults] == [False]
@@ -303,7 +303,7 @@ def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(exported
         example.case,
         ForeignSolution("", example.level, example.u_h + 1, None, ""),
         example.discrete,
-        example.own,
+        example.own_errors,
         example.u_h,
     )
     (fault,) = diagnosis.faults
@@ -322,7 +322,7 @@ def test_two_bugs_at_once_are_both_named_if_they_explain_all(exported_cases, tmp
             example.case,
             ForeignSolution("", level, u.u.to_numpy(), mu, ""),
             example.discrete,
-            example.own,
+            example.own_errors,
             example.u_h,
         )
         assert [fault.is_explained for fault in diagnosis.faults] == explained

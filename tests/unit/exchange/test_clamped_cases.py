@@ -49,11 +49,11 @@ def own_solution(folder):
     """The case, the finest level and this project's solution there."""
 
     @cache
-    def solve_exported(name):
+    def solve_exported_case(name):
         case, levels = read_exported_folder(folder(name))
         return case, levels, ul.solve(case, H=levels[-1].partition.H, mesh=levels[-1].mesh)
 
-    return solve_exported
+    return solve_exported_case
 
 
 @pytest.fixture

@@ -70,7 +70,7 @@ def solve_own(n, m):
 
 
 @pytest.fixture
-def score_permuted(folder, tmp_path):
+def score_permuted_solution(folder, tmp_path):
     """The score of u and columns beside it, its nodes permuted; cells are (points, values)."""
     case, levels = read_exported_folder(folder)
 
@@ -332,7 +332,7 @@ def test_missing_cells_are_named_with_their_file(folder, tmp_path, rows):
     assert str(error.value).startswith(f"{tmp_path / 'cells.csv'}: ")
 
 
-def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(score_permuted):
+def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(score_permuted_solution):
     """Each cell in two, with the same value, is the same function."""
     solution = solve_own(*FINEST)
     finer = partitions.divide_cells(solution.partition)
@@ -340,7 +340,7 @@ def test_permuted_nodes_and_cells_of_another_partition_are_no_fault(score_permut
         (solution.partition.points, solution.multiplier),
         (finer.points, np.repeat(solution.multiplier, 2)),
     ):
-        scores = score_permuted(solution.u, cells)
+        scores = score_permuted_solution(solution.u, cells)
         assert scores.errors.h1 == pytest.approx(solution.errors.h1, rel=1e-12)
         assert scores.errors.l2 == pytest.approx(solution.errors.l2, rel=1e-12)
         assert scores.faults == []
@@ -397,16 +397,16 @@ def test_what_falls_short_or_is_wrong_does_not_hold():
     assert not passes_judgement([wrong], reached)
 
 
-def test_a_multiplier_may_be_missing_or_reactions(score_permuted):
+def test_a_multiplier_may_be_missing_or_reactions(score_permuted_solution):
     """These are the function with such loads; inside, where none are needed, they are NaN."""
     solution = solve_own(*FINEST)
-    scores = score_permuted(solution.u)
+    scores = score_permuted_solution(solution.u)
     assert (scores.solution.multiplier_kind, scores.faults) == ("none", [])
     assert np.isnan(scores.errors[1:]).all()
     mesh = solution.mesh
     reactions = np.full(solution.mesh.n_nodes, np.nan)
     reactions[mesh.boundary] = piecewise_constant(solution.partition, solution.multiplier).load(mesh)
-    solution_score = score_permuted(solution.u, reaction=reactions).solution
+    solution_score = score_permuted_solution(solution.u, reaction=reactions).solution
     assert solution_score.multiplier_kind == "reactions, made a function by the mass matrix"
     np.testing.assert_allclose(
         solution_score.multiplier.load(mesh), reactions[mesh.boundary], rtol=0, atol=1e-12

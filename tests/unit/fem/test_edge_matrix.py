@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nested import assemble_by_elements, make_nested
+from nested import assemble_by_elements, make_mesh_levels
 
 from unilateral.fem.edge_matrix import assemble_by_edges, assemble_rows, edge_stiffness_and_areas
 from unilateral.fem.form import H1
@@ -29,7 +29,7 @@ def rounding(mesh: Mesh) -> float:
 @pytest.mark.parametrize("mesh_key", MESHES)
 def test_the_matrix_by_edges_is_that_by_elements(mesh_key: tuple[str, str, int]) -> None:
     """Every entry once, the diagonal first."""
-    mesh = make_nested(*mesh_key).mesh
+    mesh = make_mesh_levels(*mesh_key).mesh
     (A, sums, mass) = assemble_by_edges(mesh.triangulation, mesh.points)
     expected = assemble_by_elements(mesh)
     assert abs(A - expected).max() < rounding(mesh) * abs(expected).max()
@@ -41,7 +41,7 @@ def test_the_matrix_by_edges_is_that_by_elements(mesh_key: tuple[str, str, int])
 
 
 def test_a_moved_node_is_noticed() -> None:
-    mesh = make_nested("gmsh", "at random", 5).mesh
+    mesh = make_mesh_levels("gmsh", "at random", 5).mesh
     points = mesh.points.copy()
     points[np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)[0]] += 1e-8
     (A, *_) = assemble_by_edges(mesh.triangulation, points)
@@ -50,7 +50,7 @@ def test_a_moved_node_is_noticed() -> None:
 
 
 def test_elements_in_blocks_are_those_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = make_nested("gmsh", "at random", 5).mesh
+    mesh = make_mesh_levels("gmsh", "at random", 5).mesh
     at_once = edge_stiffness_and_areas(mesh.points, mesh.triangulation.nodes)
     monkeypatch.setattr("unilateral.arrays.ROWS_PER_BLOCK", 7)
     for computed, expected in zip(
@@ -62,7 +62,7 @@ def test_elements_in_blocks_are_those_at_once(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("mesh_key", MESHES)
 @pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
 def test_some_rows_are_those_of_the_matrix(mesh_key: tuple[str, str, int], share: float) -> None:
-    mesh = make_nested(*mesh_key).mesh
+    mesh = make_mesh_levels(*mesh_key).mesh
     rng = np.random.default_rng(4)
     count = max(1, int(share * mesh.n_nodes))
     chosen = rng.choice(mesh.n_nodes, count, replace=False).astype(np.int32)

@@ -13,10 +13,10 @@ from nested import (
     Nested,
     assemble_by_elements,
     coarse,
-    grade_nested,
-    make_nested,
+    grade_mesh_levels,
+    make_mesh_levels,
     prolongation,
-    refine_nested,
+    refine_mesh_levels,
 )
 from scipy.sparse.linalg import SuperLU, splu
 
@@ -153,12 +153,12 @@ def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> 
 
 
 @cache
-def adapt_nested(name: str, times: int) -> Nested:
+def adapt_mesh_levels(name: str, times: int) -> Nested:
     """At the re-entrant corner of the L-shape, or in ever smaller parts at random."""
     if name != "lshape":
-        return make_nested(name, "at random", times, 4)
+        return make_mesh_levels(name, "at random", times, 4)
     first = coarse("lshape 1")
-    return grade_nested(first, int(np.argmin(np.hypot(*first.points.T))), times)
+    return grade_mesh_levels(first, int(np.argmin(np.hypot(*first.points.T))), times)
 
 
 GRADED = [("lshape", 10), ("lshape", 20), ("gmsh", 10), ("flat", 8)]
@@ -213,7 +213,7 @@ def true_norm(nested: Nested, R: Array) -> float:
 @pytest.mark.parametrize("name", ["square 1", "lshape 1", "gmsh", "one triangle"])
 @pytest.mark.parametrize("refinements", [0, 1, 3, 5])
 def test_the_bound_is_one_and_not_too_large(name: str, refinements: int) -> None:
-    nested = make_nested(name, "uniform", refinements)
+    nested = make_mesh_levels(name, "uniform", refinements)
     for R in functionals(nested):
         index = multilevel_dual_norm_bound(nested.hierarchy, R) / true_norm(nested, R)
         # log2(1/h) = 5 terms, each too large by less than 2.
@@ -223,7 +223,7 @@ def test_the_bound_is_one_and_not_too_large(name: str, refinements: int) -> None
 @pytest.mark.parametrize(("name", "times"), GRADED)
 def test_the_bound_is_one_and_not_too_large_on_adapted_meshes(name: str, times: int) -> None:
     """10 at 10 levels, over the root of the roundness; deeper, M is a product, and its root counts twice."""
-    mesh = adapt_nested(name, times)
+    mesh = adapt_mesh_levels(name, times)
     maximum = (
         10 / math.sqrt(mesh.hierarchy.roundness.min())
         if times <= 10
@@ -235,7 +235,7 @@ def test_the_bound_is_one_and_not_too_large_on_adapted_meshes(name: str, times: 
 
 
 def test_without_refinement_the_norm_is_exact() -> None:
-    nested = make_nested("gmsh", "uniform", 0)
+    nested = make_mesh_levels("gmsh", "uniform", 0)
     for R in functionals(nested):
         assert multilevel_dual_norm_bound(nested.hierarchy, R) == pytest.approx(true_norm(nested, R))
 
@@ -252,7 +252,7 @@ def worst(leg: float) -> tuple[float, float]:
     Of v, as linear functions are orthogonal to it, (3) is then, too. The mass, which makes the norm smaller,
     vanishes with the leg.
     """
-    mesh = refine_nested(shrunk(coarse("one triangle"), leg), 1)
+    mesh = refine_mesh_levels(shrunk(coarse("one triangle"), leg), 1)
     A = mesh.hierarchy.A.toarray()
     P = prolongation(mesh.hierarchy.levels[0]).toarray()
     hierarchical = np.column_stack([P, np.eye(6)[:, 3:]])
@@ -290,20 +290,24 @@ def largest(nested: Nested, k: int) -> float:
 
 @pytest.mark.parametrize(("name", "times"), [("lshape", 6), ("lshape", 12), ("gmsh", 5), ("flat", 6)])
 def test_every_level_s_part_is_at_most_the_energy(name: str, times: int) -> None:
-    mesh = adapt_nested(name, times)
+    mesh = adapt_mesh_levels(name, times)
     assert max(largest(mesh, k) for k in range(len(mesh.hierarchy.levels))) <= ROUNDING
 
 
 def test_what_finer_levels_hide_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Were M 1 for all, a level's part would be larger than the energy, and the bound below the norm."""
-    nested = make_nested("one triangle", "uniform", 5)
+    nested = make_mesh_levels("one triangle", "uniform", 5)
     monkeypatch.setattr(functional_norm, "interpolation_constant", lambda halvings: 1.0)
     assert largest(nested, 0) > 1.5
 
 
 def test_weights_are_those_of_the_triangles_at_an_edge() -> None:
     """Found from the places of triangles: C from halved edges, M from the smallest one in each child."""
-    for nested in (adapt_nested("gmsh", 4), adapt_nested("flat", 5), make_nested("square 1", "uniform", 3)):
+    for nested in (
+        adapt_mesh_levels("gmsh", 4),
+        adapt_mesh_levels("flat", 5),
+        make_mesh_levels("square 1", "uniform", 3),
+    ):
         for k, rho in enumerate(reversed(list(edge_weights(nested.hierarchy)))):
             np.testing.assert_allclose(rho, again(nested, k), rtol=1e-9)
 
@@ -345,9 +349,9 @@ def locate_fine_triangles(coarse: Mesh, fine: Mesh) -> Array:
 
 
 def test_neither_term_alone_bounds_the_norm() -> None:
-    single_nested = make_nested("square 1", "uniform", 0)
+    single_nested = make_mesh_levels("square 1", "uniform", 0)
     assert norm_bound_beyond_coarsest(single_nested.hierarchy, functionals(single_nested)[0]) == 0
-    nested = make_nested("square 1", "uniform", 5)
+    nested = make_mesh_levels("square 1", "uniform", 5)
     rough = functionals(nested)[0]
     z = functional_norm.apply_presmoothing_cycle(nested.hierarchy, rough)
     assert math.sqrt(z @ nested.hierarchy.A @ z) < true_norm(nested, rough)
@@ -355,7 +359,7 @@ def test_neither_term_alone_bounds_the_norm() -> None:
 
 @pytest.mark.parametrize("way", ["uniform", "adapted"])
 def test_the_rest_vanishes_on_the_coarsest_space(way: str) -> None:
-    nested = make_nested("lshape 1", "uniform", 4) if way == "uniform" else adapt_nested("gmsh", 10)
+    nested = make_mesh_levels("lshape 1", "uniform", 4) if way == "uniform" else adapt_mesh_levels("gmsh", 10)
     R = functionals(nested)[0]
     remaining = R - nested.hierarchy.A @ functional_norm.apply_presmoothing_cycle(nested.hierarchy, R)
     for level in nested.hierarchy.levels[::-1]:
@@ -367,7 +371,7 @@ def test_the_rest_vanishes_on_the_coarsest_space(way: str) -> None:
 
 def test_what_is_doubtful_is_added() -> None:
     """A functional that is known up to a millionth: the bound is one for all that it may be."""
-    mesh = adapt_nested("gmsh", 5)
+    mesh = adapt_mesh_levels("gmsh", 5)
     R = functionals(mesh)[1]
     n = mesh.hierarchy.n
     doubt = 1e-6 * np.abs(np.random.default_rng(3).standard_normal(n))
@@ -393,7 +397,7 @@ def fan() -> Nested:
     rim = np.column_stack([np.cos(angle), np.sin(angle)])
     around = np.arange(FAN)
     triangles = np.column_stack([0 * around, 1 + around, 1 + (around + 1) % FAN])
-    return refine_nested(meshes.from_arrays(Polygon(rim), np.vstack([[0.0, 0.0], rim]), triangles), 1)
+    return refine_mesh_levels(meshes.from_arrays(Polygon(rim), np.vstack([[0.0, 0.0], rim]), triangles), 1)
 
 
 def test_a_functional_that_cancels_on_the_coarsest_space_is_known_up_to_its_rounding() -> None:
@@ -427,7 +431,7 @@ def test_the_rounding_of_A_z_counts_for_the_norm_of_z_and_for_what_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """||z|| <= (z . values)^(1/2) + ||doubt||, and R - A z is known up to that doubt, too."""
-    nested = make_nested("square 1", "uniform", 2)
+    nested = make_mesh_levels("square 1", "uniform", 2)
     R = functionals(nested)[0]
     doubt = np.full(nested.hierarchy.n, 1e6)
     original = functional_norm.residual_rounding.product_with_rounding
@@ -442,7 +446,7 @@ def test_the_rounding_of_A_z_counts_for_the_norm_of_z_and_for_what_is_left(
 
 def test_norms_are_rounded_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """By SLACK: that of z, and the sums of (3); twice as large a SLACK doubles what is not a doubt."""
-    nested = make_nested("square 1", "uniform", 2)
+    nested = make_mesh_levels("square 1", "uniform", 2)
     R = functionals(nested)[0]
     before = multilevel_dual_norm_bound(nested.hierarchy, R), norm_bound_beyond_coarsest(nested.hierarchy, R)
     slack = functional_norm.residual_rounding.NORM_ROUNDING_FACTOR

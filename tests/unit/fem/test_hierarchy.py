@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from nested import Nested, assemble_by_elements, coarse, make_nested, prolongation
+from nested import Nested, assemble_by_elements, coarse, make_mesh_levels, prolongation
 
 from unilateral.fem.form import Form
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy, build_hierarchy
@@ -29,7 +29,7 @@ ALL = [(name, way) for name in NAMES for way in ("uniform", *LOCAL)]
 
 def locally(name: str, way: str) -> Nested:
     """Refined eight times at a node, and five times at random."""
-    return make_nested(name, way, {"at random": 5, "at a node": 8}.get(way))
+    return make_mesh_levels(name, way, {"at random": 5, "at a node": 8}.get(way))
 
 
 def all_rows(level: FinerSpace) -> tuple[np.ndarray, sp.csr_array]:
@@ -69,7 +69,7 @@ def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("refinements", [0, 1, 3])
 def test_coarser_hierarchies_are_those_of_the_coarser_meshes(name: str, refinements: int) -> None:
-    nested = make_nested(name, "uniform", refinements)
+    nested = make_mesh_levels(name, "uniform", refinements)
     hierarchy: Hierarchy | None = nested.hierarchy
     for mesh in nested.meshes[::-1]:
         assert hierarchy is not None
@@ -82,7 +82,7 @@ def test_coarser_hierarchies_are_those_of_the_coarser_meshes(name: str, refineme
 
 
 def test_a_moved_node_is_seen_in_the_matrices() -> None:
-    nested = make_nested("square 3", "uniform", 2)
+    nested = make_mesh_levels("square 3", "uniform", 2)
     points = nested.mesh.points.copy()
     points[np.setdiff1d(np.arange(len(points)), nested.hierarchy.boundary)[0]] += 1e-6
     shifted = meshes.from_arrays(nested.mesh.polygon, points, nested.mesh.triangles)
@@ -110,7 +110,7 @@ def test_only_nodes_whose_hats_changed_have_rows() -> None:
     """At a node nine new ones a level at most: two triangles, and their neighbours'. Control: uniformly."""
     hierarchy = locally("square 3", "at a node").hierarchy
     assert max(len(level.smoothed_nodes) for level in hierarchy.levels) <= 20  # type: ignore[arg-type]
-    assert len(make_nested("square 3", "uniform").hierarchy.levels[-1].ends) > 20
+    assert len(make_mesh_levels("square 3", "uniform").hierarchy.levels[-1].ends) > 20
 
 
 @pytest.mark.parametrize("way", ["uniform", *LOCAL])
@@ -191,7 +191,7 @@ def partition_of(hierarchy: Hierarchy, polygon: Polygon, every: int) -> Partitio
 
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[LevelCells]:
-    nested = make_nested(name, "uniform", refinements)
+    nested = make_mesh_levels(name, "uniform", refinements)
     levels = replace(nested.hierarchy, form=Form(free=free))
     cells = nested_cells(levels, partition_of(nested.hierarchy, nested.mesh.polygon, every))
     assert cells is not None
@@ -203,7 +203,7 @@ def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()
     [("square 3", 2), ("square 3", 3), ("square 3", 4), ("square 3", 0), ("slanted", 6), ("slanted", 2)],
 )
 def test_cells_are_unions_with_at_least_two_edges_and_B_is_the_coupling(name: str, every: int) -> None:
-    nested = make_nested(name, "uniform")
+    nested = make_mesh_levels(name, "uniform")
     cells = cells_of(name, 3, every)
     expected = coupling(nested.mesh, partition_of(nested.hierarchy, nested.mesh.polygon, every)).toarray()
     assert np.abs(cells[-1].B[:, nested.hierarchy.boundary].toarray() - expected).max() < ROUND_OFF
@@ -267,7 +267,7 @@ def test_only_the_last_level_of_an_adapted_mesh_has_cells(text: str) -> None:
 
 
 def test_free_sides_have_no_cells() -> None:
-    nested = make_nested("square 3", "uniform", 2)
+    nested = make_mesh_levels("square 3", "uniform", 2)
     every = cells_of("square 3", 2, 2)
     some = cells_of("square 3", 2, 2, (0, 2))
     assert len(some[-1].inner_node) == len(every[-1].inner_node) / 2
@@ -278,7 +278,7 @@ def test_free_sides_have_no_cells() -> None:
 
 
 def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
-    levels = make_nested("square 3", "uniform", 2).hierarchy
+    levels = make_mesh_levels("square 3", "uniform", 2).hierarchy
     polygon = square()
     s = levels.s
     assert nested_cells(levels, Partition(polygon, s[::2].copy())) is not None

@@ -140,7 +140,7 @@ for n in (1e-320, -1 / 3, 1e300):
     OPERATIONS[f"times {n}"] = fix_exponent(operator.mul, n), None, fix_exponent(TaylorModel.scale, n)
 
 
-def count_enclosed(name, k=BOXES, seed=1):
+def count_enclosed_values(name, k=BOXES, seed=1):
     """How many values of that operation are in its enclosures, and how many are not."""
     operation, kind = name.split(" of ")
     oracle, *functions = OPERATIONS[operation]
@@ -155,7 +155,7 @@ ENCLOSED += [f"{name} of models" for name in OPERATIONS]
 
 @pytest.mark.parametrize("name", ENCLOSED)
 def test_every_operation_encloses_its_values(name):
-    inside, outside = count_enclosed(name)
+    inside, outside = count_enclosed_values(name)
     assert outside == 0
     # a root has values on the boxes on which its argument is positive, half of them
     assert inside > (0.25 if name.startswith("root") else 0.5) * BOXES * POINTS
@@ -254,7 +254,7 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
     module, attribute, smaller, operations = CONTROLS[name]
     monkeypatch.setattr(module, attribute, smaller)
     for operation in operations:
-        assert count_enclosed(operation, 4 * BOXES)[1] > 0, operation
+        assert count_enclosed_values(operation, 4 * BOXES)[1] > 0, operation
 
 
 @pytest.mark.parametrize(
@@ -269,12 +269,12 @@ def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, 
     original = getattr(np, name)
     monkeypatch.setattr(np, name, lambda x: original(x) + 4 * np.spacing(np.abs(original(x))))
     assert (
-        count_enclosed(f"{name} of intervals", seed=3)[1]
-        == count_enclosed(f"{name} of models", seed=3)[1]
+        count_enclosed_values(f"{name} of intervals", seed=3)[1]
+        == count_enclosed_values(f"{name} of models", seed=3)[1]
         == 0
     )
     monkeypatch.setattr(module, constant, 0.0)
-    assert count_enclosed(f"{name} of models", seed=3)[1] > 0
+    assert count_enclosed_values(f"{name} of models", seed=3)[1] > 0
 
 
 @pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])

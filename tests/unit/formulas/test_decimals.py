@@ -84,6 +84,6 @@ def test_a_number_is_printed_with_the_only_bound_that_is_known():
 
 @given(st.floats(1e-300, 1e300))
 @settings(max_examples=200, derandomize=True, deadline=None)
-def test_a_percentage_is_not_below_the_part(part):
-    fraction = Fraction(format_percent(part).removesuffix(" %"))
-    assert 100 * Fraction(part) <= fraction <= 111 * Fraction(part)
+def test_a_percentage_is_not_below_the_part(share):
+    fraction = Fraction(format_percent(share).removesuffix(" %"))
+    assert 100 * Fraction(share) <= fraction <= 111 * Fraction(share)

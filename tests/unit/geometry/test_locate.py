@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from nested import coarse, make_nested
+from nested import coarse, make_mesh_levels
 
 from unilateral.geometry import locate
 from unilateral.geometry.locate import locate_in_triangles
@@ -16,7 +16,7 @@ MESHES = ["square 8", "gmsh", "flat", "one triangle", "far away"]
 def mesh_of(name):
     if name == "far away":
         return make_unstructured_mesh(Polygon(FAR + square().vertices), 0.2)
-    return make_nested(name, "at random", 6).mesh if name == "flat" else coarse(name)
+    return make_mesh_levels(name, "at random", 6).mesh if name == "flat" else coarse(name)
 
 
 def exactly(mesh, points):

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from nested import coarse, forget_refinement, make_nested
+from nested import coarse, forget_refinement, make_mesh_levels
 
 from unilateral.geometry import structured as squares
 from unilateral.geometry.mesh import from_arrays, make_unstructured_mesh, refine_triangles, refine_uniformly
@@ -22,14 +22,14 @@ ALL = [(name, way) for name in NAMES for way in WAYS]
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name, way):
     """`from_arrays` checks conformity and areas, sorts all edges, and finds the boundary by their places."""
-    first, *_, mesh = make_nested(name, way).meshes
+    first, *_, mesh = make_mesh_levels(name, way).meshes
     checked = from_arrays(mesh.polygon, mesh.points, mesh.triangles)
     np.testing.assert_array_equal(checked.boundary, mesh.boundary)
     np.testing.assert_allclose(checked.s, mesh.s, rtol=0, atol=1e-14)
     np.testing.assert_array_equal(mesh.points[: first.n_nodes], first.points)
     assert way != "at a node" or np.ptp(np.log2(np.diff(mesh.s))) > 3
     assert mesh.coarse is first
-    assert len(mesh.steps) == len(make_nested(name, way).meshes) - 1
+    assert len(mesh.steps) == len(make_mesh_levels(name, way).meshes) - 1
     assert mesh.is_adapted == (way != "uniform")
     assert mesh.halvings == (3 if way == "uniform" else 0)
 
@@ -37,7 +37,7 @@ def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name, way)
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_children_have_the_edges_that_sorting_finds(name, way):
     """And the triangles at them, and those along the boundary."""
-    for mesh in make_nested(name, way).meshes[1:]:
+    for mesh in make_mesh_levels(name, way).meshes[1:]:
         triangulation = mesh.triangulation
         expected = build_triangulation(mesh.points, mesh.triangles, mesh.boundary)
         assert triangulation.n_nodes == mesh.n_nodes
@@ -82,7 +82,7 @@ def check_sides(mesh):
 
 def test_a_mesh_in_another_order_has_other_edges():
     """Control: the comparison sees a wrong number."""
-    triangulation = make_nested("slanted", "at random").mesh.triangulation
+    triangulation = make_mesh_levels("slanted", "at random").mesh.triangulation
     wrong = triangulation.edges.copy()
     wrong[[0, 1]] = wrong[[1, 0]]
     with pytest.raises(AssertionError):
@@ -101,7 +101,7 @@ def test_a_mesh_in_another_order_has_other_edges():
 @pytest.mark.parametrize("name", NAMES)
 def test_nodes_triangles_and_edges_that_stay_keep_their_numbers(name):
     """So does the first child its parent's, and the first half of an edge the edge's, from its first end."""
-    for before, after in pairwise(make_nested(name, "at random").meshes):
+    for before, after in pairwise(make_mesh_levels(name, "at random").meshes):
         old = before.triangulation
         new = after.triangulation
         (*_, step) = after.steps
@@ -133,7 +133,7 @@ def test_nodes_triangles_and_edges_that_stay_keep_their_numbers(name):
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_children_fill_their_parents(name, way):
     """Two, three or four of them; their areas add up, and are halves and quarters."""
-    for before, after in pairwise(make_nested(name, way).meshes):
+    for before, after in pairwise(make_mesh_levels(name, way).meshes):
         step = after.steps[-1]
         count = np.bincount(step.parent, minlength=len(before.areas))
         assert set(np.unique(count)) <= {0, 2, 3, 4}
@@ -149,7 +149,7 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
     Control: with another corner first it is not so. As one of two shapes, turned by 45 degrees to each other,
     a triangle has at most four times the squared longest edge over area of the first one.
     """
-    first, *_, mesh = make_nested(name, way).meshes
+    first, *_, mesh = make_mesh_levels(name, way).meshes
     root = np.arange(len(first.triangles))
     for step in mesh.steps:
         root = step.inherit(root)
@@ -179,7 +179,7 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
 @pytest.mark.parametrize("name", NAMES)
 def test_a_uniform_step_gives_four_similar_children(name):
     """Their edges are half of the parent's, in order, and minus half those of the middle child."""
-    for before, after in pairwise(make_nested(name, "uniform").meshes):
+    for before, after in pairwise(make_mesh_levels(name, "uniform").meshes):
         step = after.steps[-1]
         T = len(before.triangles)
         assert step.refined_triangulation is after.triangulation
@@ -226,7 +226,7 @@ def edges_of(mesh, step):
 @pytest.mark.parametrize("way", WAYS)
 def test_a_step_s_size_is_that_of_what_is_new(way):
     """However large the mesh is: at a node the same numbers of triangles in every step."""
-    for before, after in pairwise(make_nested("lshape 3", way).meshes):
+    for before, after in pairwise(make_mesh_levels("lshape 3", way).meshes):
         step = after.steps[-1]
         new = len(after.triangles) - len(before.triangles)
         assert len(step.ends) == after.n_nodes - before.n_nodes
@@ -240,7 +240,7 @@ def test_a_step_s_size_is_that_of_what_is_new(way):
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_values_of_triangles_are_put_in_and_inherited(name, way):
     """Numbers of rows and of triangles: areas, and the first triangle that contains each one."""
-    first, *finer = make_nested(name, way).meshes
+    first, *finer = make_mesh_levels(name, way).meshes
     areas = first.areas
     root = np.arange(len(first.areas))
     middle = first.points[first.triangles].mean(axis=1)
@@ -319,7 +319,7 @@ def test_only_uniform_refinement_leaves_all_alike():
 @pytest.mark.parametrize("way", ["uniform", "at random"])
 def test_copies_and_pickles_are_refined_in_the_same_way(name, way):
     """All arrays and steps are the same, and so are those of a mesh that is refined from them."""
-    mesh = make_nested(name, way).meshes[-1]
+    mesh = make_mesh_levels(name, way).meshes[-1]
     for again in (copy.deepcopy(mesh), pickle.loads(pickle.dumps(mesh))):
         assert len(again.steps) == len(mesh.steps) > 0
         assert (again.is_adapted, again.halvings, again.coarse.n_nodes) == (

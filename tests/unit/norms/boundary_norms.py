@@ -48,16 +48,16 @@ ROUNDING = 1e-9  # of energies that are differences of larger ones
 
 @dataclass(frozen=True)
 class Flux:
-    """What the norm asks of a case: lambda = sin 5s on every side, and |s - at|^alpha added on side 0."""
+    """What the norm asks of a case: lambda = sin 5s, and |s - position|^alpha added on side 0."""
 
     polygon: Polygon
-    at: float
+    position: float
     alpha: Fraction
     clamped_sides = ()
     c = 1.0
 
     def singular_points(self):
-        return [SingularPoint(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
+        return [SingularPoint(0, self.position / self.polygon.lengths[0], self.alpha.denominator)]
 
     flux_singular_points = singular_points
 
@@ -70,7 +70,7 @@ class Flux:
 
     def trace_flux_and_gap(self, side, s, near=None):
         with np.errstate(divide="ignore"):
-            power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
+            power = np.where(side == 0, np.abs(s - self.position) ** float(self.alpha), 0)
         return 0 * s, np.sin(5 * s) + power, 0 * s
 
 

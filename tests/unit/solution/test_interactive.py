@@ -167,7 +167,7 @@ def colours(browser):
     return imread(io.BytesIO(element.screenshot_as_png))[..., :3]
 
 
-def count_red(picture):
+def count_red_pixels(picture):
     """How many places are as red as contact."""
     return np.count_nonzero(np.abs(picture - RED).max(axis=2) < 0.1)
 
@@ -180,7 +180,7 @@ def test_the_page_is_drawn_without_errors_and_without_a_network(browser, page, s
     assert browser.overflow() == 0
     assert browser.shows("#boundary", "given flux q")
     picture = colours(browser)
-    assert count_red(picture) > 100
+    assert count_red_pixels(picture) > 100
     assert len(np.unique((16 * picture).astype(int).reshape(-1, 3), axis=0)) > 50
     assert not browser.driver.find_elements("css selector", ".modebar")  # whose buttons send data elsewhere
 
@@ -232,7 +232,7 @@ def test_without_webgl_a_sentence_stands_in_place_of_the_surface(browser, page):
     assert (opened.errors, opened.elsewhere) == ([], [])
     assert browser.shows("#surface", "The surface needs WebGL, which this browser does not have")
     assert browser.shows("#boundary", "given flux q")
-    assert count_red(colours(browser)) == 0
+    assert count_red_pixels(colours(browser)) == 0
     assert not browser.driver.find_element("css selector", "#views").is_displayed()
 
 

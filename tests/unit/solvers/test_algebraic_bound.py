@@ -57,18 +57,18 @@ def solve(A, b):
 class System(NamedTuple):
     """A v = load + B^T lambda, B v >= d with lambda, exact; the rows of A add up to the mass.
 
-    v is u - held, which vanishes on clamped sides.
+    v is u - lift, which vanishes on clamped sides.
     """
 
     A: Array
     load: Array
     B: Array
     d: Array
-    held: Array
+    lift: Array
 
     def errors(self, exact_v: Array, exact_lambda: Array, u: Array, lambda_H: Array) -> tuple[arb, arb]:
         """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
-        e = exact(u) - exact(self.held) - exact_v
+        e = exact(u) - exact(self.lift) - exact_v
         pull = self.B.T @ (exact(lambda_H) - exact_lambda)
         return (e @ (self.A @ e)).sqrt(), (solve(self.A, pull) @ pull).sqrt()
 
@@ -175,7 +175,7 @@ def test_the_bound_is_one_however_much_cancels(way: str, scale: float) -> None:
 def test_the_bound_is_one_beside_clamped_sides(
     way: str, scale: float, c: float, clamped: tuple[int, ...]
 ) -> None:
-    """There u_h - held falls from u to 0 within an element, which costs a digit."""
+    """There u_h - lift falls from u to 0 within an element, which costs a digit."""
     discrete, solved = solution(way, problem(scale, c, clamped))
     assert 0 < largest_error(discrete, solved) <= solved.result.bound <= 1e-9 + 1e-11 * scale
 

@@ -6,7 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from nested import Nested, forget_refinement, grade_nested, prolongation, refine_at_random, refine_nested
+from nested import (
+    Nested,
+    forget_refinement,
+    grade_mesh_levels,
+    prolongation,
+    refine_at_random,
+    refine_mesh_levels,
+)
 from scipy.linalg import eigh
 
 from unilateral.fem.hierarchy import FinerSpace, build_hierarchy
@@ -25,7 +32,7 @@ def make_hierarchy(mesh: str) -> Nested:
     first = forget_refinement(make_structured_mesh(find_polygon("lshape"), 1))
     if mesh == "at random":
         return refine_at_random(meshes.make_unstructured_mesh(find_polygon("lshape"), 0.7), 4, 2, 0.4)
-    return refine_nested(first, 3) if mesh == "uniform" else grade_nested(first, 2, 9)
+    return refine_mesh_levels(first, 3) if mesh == "uniform" else grade_mesh_levels(first, 2, 9)
 
 
 def choose_fixed_nodes(mesh: str, case: str) -> np.ndarray:

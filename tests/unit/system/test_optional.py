@@ -25,13 +25,13 @@ def canonical(name):
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def list_required(entries, extra=""):
+def list_required_packages(entries, extra=""):
     """The names of what these requirements ask for here."""
     names = set()
     for requirement in map(Requirement, entries):
         if requirement.marker is None or requirement.marker.evaluate({"extra": extra}):
             original = (
-                [list_required(EXTRAS[extra_name]) for extra_name in requirement.extras]
+                [list_required_packages(EXTRAS[extra_name]) for extra_name in requirement.extras]
                 if requirement.name == "unilateral"
                 else []
             )
@@ -42,13 +42,13 @@ def list_required(entries, extra=""):
 @cache
 def distributions(name):
     """All that an installation of that set brings, as the packages that are installed here declare it."""
-    waiting = list_required(PROJECT["dependencies"]) | (
-        list_required(EXTRAS[name]) if name != "core" else set()
+    waiting = list_required_packages(PROJECT["dependencies"]) | (
+        list_required_packages(EXTRAS[name]) if name != "core" else set()
     )
     names = {"unilateral"}
     while waiting:
         names.add(item := waiting.pop())
-        waiting |= list_required(importlib.metadata.requires(item) or []) - names
+        waiting |= list_required_packages(importlib.metadata.requires(item) or []) - names
     return names
 
 
@@ -97,7 +97,7 @@ def test_the_core_has_none_of_the_optional_packages():
     modules = {canonical(name): name for name in optional.EXTRAS}
     for extra in ("plot", "files", "mesh"):
         original = {name for name, module in modules.items() if optional.EXTRAS[module] == extra}
-        assert list_required(EXTRAS[extra]) == original
+        assert list_required_packages(EXTRAS[extra]) == original
 
 
 def test_all_extras_together_have_what_the_solver_can_use():

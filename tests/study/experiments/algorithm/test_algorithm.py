@@ -57,7 +57,9 @@ def test_the_printed_index_gives_the_quadratic_recursion():
     now = -y
     before = -y
     for _ in range(STEPS):
-        now, before = now - 0.25 * 2 / sigma[-1] * sigma * before, now
+        following = now - 0.25 * 2 / sigma[-1] * sigma * before
+        before = now
+        now = following
     value = float(
         measure_iterations()["distance"].sel(case="full_contact", variant="as printed", rho_share=0.25)
     )

@@ -37,7 +37,7 @@ class Counted(float):
     n_operations = 0
 
     @classmethod
-    def from_array(cls, values):
+    def wrap_array(cls, values):
         return np.array([cls(x) for x in values.ravel()], dtype=object).reshape(values.shape)
 
 
@@ -59,7 +59,7 @@ def problem(case, n, ratio):
 
 def operations_of(work, *arguments):
     """How many operations a function takes of these numbers."""
-    numbers = [Counted.from_array(argument) for argument in arguments]
+    numbers = [Counted.wrap_array(argument) for argument in arguments]
     Counted.n_operations = 0
     work(*numbers)
     return Counted.n_operations
@@ -71,9 +71,9 @@ def counted_step(method, m, cut=True):
     y = rng.random(m) + 1
     F = rng.random(m) + 1
     R = rng.random(m) + 1
-    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.from_array(0.5 * y))
+    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.wrap_array(0.5 * y))
     if isinstance(step, acceleration.BarzilaiBorwein):
-        step.previous_F = Counted.from_array(0.5 * F)
+        step.previous_F = Counted.wrap_array(0.5 * F)
         step.reference = -math.inf if cut else math.inf
     return operations_of(step, y, F, R)
 

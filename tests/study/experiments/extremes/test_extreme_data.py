@@ -43,13 +43,13 @@ def test_every_method_scales_with_the_data(method, H, size):
     operator = discrete.spaces.operator
     offset = discrete.discrete.offset
 
-    def solve_scaled(factor):
+    def solve_for_size(factor):
         if method == "active_set":
             return solve_by_active_set(operator, factor * offset, factor * 1e-5)
         return uzawa.uzawa(operator, factor * offset, factor * 1e-6, method=method)
 
-    ours = solve_scaled(1.0)
-    scaled = solve_scaled(size)
+    ours = solve_for_size(1.0)
+    scaled = solve_for_size(size)
     assert scaled.converged
     difference = np.linalg.norm(operator.D_factor @ (scaled.lambda_H / size - ours.lambda_H))
     assert difference <= ours.bound + scaled.bound / size
