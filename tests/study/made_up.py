@@ -59,6 +59,6 @@ def observes(check, data, expected):
             measure(data)
         return
     number, *holds = expected if isinstance(expected, tuple) else (expected,)
-    sample = measure(data)
-    assert sample.observed == pytest.approx(number, abs=2e-14)
-    assert holds in ([], [sample.holds])
+    evidence = measure(data)
+    assert evidence.observed == pytest.approx(number, abs=2e-14)
+    assert holds in ([], [evidence.holds])

@@ -65,8 +65,8 @@ def test_what_is_beyond_the_page_or_too_small_is_seen(x, size, fault):
 @pytest.mark.parametrize("figure", ["benchmarks", "multiplier", "work_precision"])
 def test_another_table_gives_another_figure(figure):
     """Control. What others draw of other numbers is in tests of their own."""
-    alternatives = {(ROOT / f"figures/{name}.svg").read_bytes() for name in FIGURES}
-    assert page(figure)[1] not in alternatives
+    committed_figures = {(ROOT / f"figures/{name}.svg").read_bytes() for name in FIGURES}
+    assert page(figure)[1] not in committed_figures
 
 
 @pytest.mark.parametrize("figure", modules())

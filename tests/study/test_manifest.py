@@ -30,9 +30,12 @@ def written(tmp_path, monkeypatch):
         (tmp_path / "results" / name).write_text("abc")
 
     def write(study):
-        sample = {"solve": ["results/errors.nc", "results/timings.nc"], "claims": ["results/claims.json"]}
+        files_by_rule = {
+            "solve": ["results/errors.nc", "results/timings.nc"],
+            "claims": ["results/claims.json"],
+        }
         paths = {"manifest": tmp_path / "results/manifest.json", "sums": tmp_path / "results/SHA256SUMS"}
-        manifest.write_manifest(study, sample, **paths)
+        manifest.write_manifest(study, files_by_rule, **paths)
         return (tmp_path / "results/manifest.json").read_bytes()
 
     return write

@@ -100,13 +100,13 @@ def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
     chosen_places = list(places(STUDY))
     chosen_places = [place for place in chosen_places if "finds" not in place or rng.random() < 0.1]
     for place in (chosen_places[i] for i in rng.integers(len(chosen_places), size=250)):
-        sample = mutant(rng, place)
-        if sample is None:
+        changed_study = mutant(rng, place)
+        if changed_study is None:
             continue
-        message = fault(sample[0])
+        message = fault(changed_study[0])
         number = number + 1
         if message is None:
-            accepted.append((".".join(map(str, place)), sample[1]))
+            accepted.append((".".join(map(str, place)), changed_study[1]))
         else:
             assert re.match(rf"{SOURCE}(, field \S+)?: [^\n]*\Z", message)
             assert len(message) < 450

@@ -256,10 +256,10 @@ def test_a_file_of_results_has_one_rule(planned_jobs):
 def test_the_stored_manifest_names_every_file_and_its_rule(plan, planned_jobs):
     """Those that the whole study makes, but those of the machine, the manifest, and what is told of it."""
     files, _ = plan("all")
-    sample = {(file, job["rule"]) for job in planned_jobs for file in job["output"] if file in files}
+    planned_files = {(file, job["rule"]) for job in planned_jobs for file in job["output"] if file in files}
     expected = {
         (file, rule)
-        for file, rule in sample
+        for file, rule in planned_files
         if not file.endswith("timings.nc") and rule not in ("manifest", "pages", "curves")
     }
     manifest = json.loads((ROOT / "results/manifest.json").read_text())["files"]

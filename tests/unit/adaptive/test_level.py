@@ -89,16 +89,16 @@ def level(goal=None, seconds=1.0, **numbers):
 
 def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
     """||u|| >= ||u_h|| / growth - bound, never below 0; likewise for lambda with its own numbers."""
-    sample = Made(u_norm=3.0, u=0.5, lambda_norm=7.0, lambda_=2.0, growth=1.25)
-    assert sample.norm_lower_bound("h1") == pytest.approx(3 / 1.25 - 0.5)
-    assert sample.norm_lower_bound("h1") < (3 / 1.25) * (1 - 0.9 * SQUARES_ROUNDING) - 0.5
-    assert sample.norm_lower_bound("hm12") == pytest.approx(7 / 1.25 - 2.0)
+    solved = Made(u_norm=3.0, u=0.5, lambda_norm=7.0, lambda_=2.0, growth=1.25)
+    assert solved.norm_lower_bound("h1") == pytest.approx(3 / 1.25 - 0.5)
+    assert solved.norm_lower_bound("h1") < (3 / 1.25) * (1 - 0.9 * SQUARES_ROUNDING) - 0.5
+    assert solved.norm_lower_bound("hm12") == pytest.approx(7 / 1.25 - 2.0)
     assert Made(u_norm=1.0, u=2.0).norm_lower_bound("h1") == 0.0
 
 
 def test_the_algebraic_error_of_lambda_is_divided_by_beta():
-    sample = Made(algebraic=0.3)
-    assert (sample.algebraic_bound("h1"), sample.algebraic_bound("hm12")) == (0.3, 0.6)
+    solved = Made(algebraic=0.3)
+    assert (solved.algebraic_bound("h1"), solved.algebraic_bound("hm12")) == (0.3, 0.6)
     assert Made(algebraic=0.3, beta=0.0).algebraic_bound("hm12") == math.inf
 
 

@@ -130,18 +130,18 @@ def test_a_level_says_what_the_next_one_will_have_and_take():
 
 def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
     """Its grids take half of the memory: no more than two problems are alive at a time."""
-    sample = []
+    references = []
     alive = []
     original = multilevel.discretise_on_adapted_mesh
 
     def count_discretisations(*arguments):
         discrete = original(*arguments)
-        sample.append(weakref.ref(discrete))
+        references.append(weakref.ref(discrete))
         return discrete
 
     def tell(_):
         gc.collect()
-        alive.append(sum(problem() is not None for problem in sample))
+        alive.append(sum(problem() is not None for problem in references))
 
     monkeypatch.setattr(multilevel, "discretise_on_adapted_mesh", count_discretisations)
     assert len(search(problem("lshape.yaml"), Goal(0.2), tell).levels) > 2

@@ -141,9 +141,11 @@ def give_fluxes(number):
     rng = np.random.default_rng([20, number])
     vertices = known_case.problem.polygon.vertices
     free = known_case.problem.free_sides
-    has_multiplier = np.setdiff1d(np.arange(len(vertices)), free)
+    remaining_sides = np.setdiff1d(np.arange(len(vertices)), free)
     some = rng.choice(
-        has_multiplier, rng.integers(1, len(has_multiplier)) if len(has_multiplier) > 1 else 0, replace=False
+        remaining_sides,
+        rng.integers(1, len(remaining_sides)) if len(remaining_sides) > 1 else 0,
+        replace=False,
     ).tolist()
     q = tuple(plain(u) if i in some else ZERO for i, u in enumerate(fluxes(known_case.u, vertices)))
     return known_case._replace(
@@ -184,12 +186,12 @@ def place_corner_singularity(number, folder):
 
 def _room(polygon, side, position):
     """The distance of a place on a side from others and from the side's ends, in side lengths."""
-    alternatives = np.setdiff1d(
+    other_sides = np.setdiff1d(
         np.arange(polygon.n_sides), [side] if position else [side, (side - 1) % polygon.n_sides]
     )
     starts = polygon.vertices
     ends = np.roll(polygon.vertices, -1, axis=0)
-    apart = segment_distances(polygon.point(side, position)[None], starts[alternatives], ends[alternatives])
+    apart = segment_distances(polygon.point(side, position)[None], starts[other_sides], ends[other_sides])
     nearest = min(apart.min(initial=np.inf), np.inf if position else polygon.lengths[side - 1])
     return min(nearest / polygon.lengths[side], 1 - position)
 
@@ -348,9 +350,9 @@ def _clear(vertices, side, start, end, lowest, highest):
     edge = vertices[(side + 1) % len(vertices)] - vertices[side]
     shifted = (vertices - vertices[side]) / (edge @ edge)
     local = np.column_stack([shifted @ edge, shifted @ np.array([-edge[1], edge[0]])])
-    alternatives = np.delete(np.arange(len(vertices)), side)
-    a = local[alternatives]
-    b = local[(alternatives + 1) % len(vertices)]
+    other_vertices = np.delete(np.arange(len(vertices)), side)
+    a = local[other_vertices]
+    b = local[(other_vertices + 1) % len(vertices)]
     first = np.zeros(len(a))
     last = np.ones(len(a))
     for i, low, high in ((0, start, end), (1, lowest, highest)):

@@ -285,10 +285,12 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
     monkeypatch.setattr(
         feasible, "bound_shortfall", lambda *arguments: shorts.append(original(*arguments)) or shorts[-1]
     )
-    data, *alternatives = known_pair.bound_arguments
+    data, *discrete_arguments = known_pair.bound_arguments
     g = known_pair.case.problem.enclosed_obstacle
     for obstacle in (g, replace(g, remainder=g.remainder + t, upper=g.upper + t)):
-        local_bound(replace(data, constraint=build_constraint(obstacle, known_pair.mesh, H1)), *alternatives)
+        local_bound(
+            replace(data, constraint=build_constraint(obstacle, known_pair.mesh, H1)), *discrete_arguments
+        )
     expected, doubtful = shorts
     assert doubtful.complementarity - expected.complementarity == pytest.approx(2 * t * force, rel=1e-6)
     np.testing.assert_allclose(doubtful.nodal_raise, t, rtol=1e-6)

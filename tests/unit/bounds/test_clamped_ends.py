@@ -227,16 +227,16 @@ def raise_by_shortfall(monkeypatch, **options):
     original = local_bounds.build_lifting
 
     def lifting(*arguments):
-        sample = original(*arguments)
+        lift_map = original(*arguments)
 
-        class Lifted(type(sample)):
+        class Lifted(type(lift_map)):
             def make_feasible(self, nodal, bubbles):
-                lift = sample.make_feasible(nodal, bubbles)
+                lift = lift_map.make_feasible(nodal, bubbles)
                 first = np.arange(len(nodal)) == 0
                 changed = {name: np.where(first, value, 0.0) for name, value in options.items()}
                 return lift._replace(shortfall=lift.shortfall._replace(**changed))
 
-        return Lifted(*sample)
+        return Lifted(*lift_map)
 
     monkeypatch.setattr(local_bounds, "build_lifting", lifting)
 

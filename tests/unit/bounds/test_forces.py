@@ -281,6 +281,7 @@ def test_the_force_mesh_is_halved_at_ends_until_loads_are_light():
 
 
 def test_a_light_load_or_none_leaves_the_force_mesh_uniform():
+    """By counting: with the edges of h = 1/8 halved once there are 17^2 nodes."""
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     for load in (0.0, 0.1):
         force_mesh = grade_force_mesh(
@@ -476,6 +477,7 @@ def test_what_flows_through_a_side_is_its_reaction_up_to_the_rounding_of_its_ter
 
 
 def test_what_flows_through_a_side_is_longer_by_its_stretch(monkeypatch):
+    """By hand: the stretch of 1e-4 times the integral 8 of the flux's magnitude."""
     clamps = clamped_at(3, flows=(5.0, 8.0))
     clamps = clamps._replace(form=clamps.form._replace(free=(0, 2)))
     monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 0, 0, 1e-4])))

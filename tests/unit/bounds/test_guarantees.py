@@ -66,14 +66,14 @@ def few_pieces(kind):
 @pytest.fixture(scope="module")
 def known_case(request, tmp_path_factory):
     """One problem at a time, solved once for all tests of it."""
-    kind, *alternatives = request.param
+    kind, *parameters = request.param
     with few_pieces(kind):
         if kind in random_problems.KINDS:
-            yield random_problems.try_kind(kind, *alternatives, tmp_path_factory.mktemp("corner"))
+            yield random_problems.try_kind(kind, *parameters, tmp_path_factory.mktemp("corner"))
         elif kind in adversarial_problems.FAMILIES:
-            yield adversarial_problems.try_family(kind, *alternatives)
+            yield adversarial_problems.try_family(kind, *parameters)
         else:
-            yield CatalogueSolution(kind, *alternatives)
+            yield CatalogueSolution(kind, *parameters)
 
 
 def parametrize_problems(problems):

@@ -51,11 +51,11 @@ def add_component(monkeypatch, component, name="residual_parts"):
     original = getattr(local_bounds, name)
 
     def change_component(*arguments):
-        sample = original(*arguments)
-        residual = sample or arguments[0]
+        residual_of_u = original(*arguments)
+        residual = residual_of_u or arguments[0]
         inside = ~np.isin(residual.mesh.triangles, residual.mesh.boundary).any(axis=1)
         getattr(residual, component)[np.argmax(inside)] += LARGE
-        return sample
+        return residual_of_u
 
     monkeypatch.setattr(local_bounds, name, change_component)
 

@@ -68,10 +68,10 @@ def estimate(points, triangles, u, slope, order):
     rhs = f if order else np.broadcast_to(means[:, None], f.shape)
     stiffness = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w))).assemble(nodal)
     load = skfem.LinearForm(lambda v, w: w["f"] * v).assemble(nodal, f=rhs)
-    has_multiplier = nodal.get_dofs().all()
+    boundary_nodes = nodal.get_dofs().all()
     u_h = np.zeros(nodal.N)
-    u_h[has_multiplier] = u(*mesh.p[:, has_multiplier])
-    gradient = nodal.interpolate(skfem.solve(*skfem.condense(stiffness, load, x=u_h, D=has_multiplier))).grad
+    u_h[boundary_nodes] = u(*mesh.p[:, boundary_nodes])
+    gradient = nodal.interpolate(skfem.solve(*skfem.condense(stiffness, load, x=u_h, D=boundary_nodes))).grad
     q = patch_flux(mesh, nodal, gradient, rhs, order)
     flux = (((np.asarray(q) + gradient) ** 2).sum(axis=0) * nodal.dx).sum(axis=1)
     remaining = f - q.div

@@ -127,8 +127,8 @@ class Trial:
 
         def residual(v):
             misfit = q - self.form.k * space.G @ v
-            alternatives = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
-            return Parts(space, self.form, misfit, alternatives)
+            remainder_load = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
+            return Parts(space, self.form, misfit, remainder_load)
 
         v = lift_v(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
         self.u_h = v if same else self.u + near * rng.normal(size=N)

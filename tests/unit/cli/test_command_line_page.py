@@ -100,6 +100,6 @@ def test_the_page_lists_the_fields_of_infsup(capsys):
 def test_the_page_lists_the_fields_of_claims():
     """Of a claim that is not judged; the fields are the same as of others."""
     record = Judgement(claims.find_claim("4.12"), Results(""), Unjudged("no results")).record()
-    first, *alternatives = fields("claims")
+    first, *claim_fields = fields("claims")
     assert first == "claims"
-    assert set(alternatives) == {*record, "required", "holds"}
+    assert set(claim_fields) == {*record, "required", "holds"}

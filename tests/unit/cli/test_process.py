@@ -287,10 +287,10 @@ def test_a_failure_in_the_midst_is_code_4(run, monkeypatch, error, message):
 def test_a_failure_in_code_without_a_file_is_told(run, monkeypatch):
     """Such as numpy functions that a package makes of a text: their place has no module's name."""
     source = "def failing(*_):\n    raise ArithmeticError('no number')\n"
-    sample = {"__builtins__": __builtins__}
-    exec(compile(source, "<lambdifygenerated-1>", "exec"), sample)
-    del sample["__builtins__"]
-    monkeypatch.setattr(claims, "judge_all", sample["failing"])
+    namespace = {"__builtins__": __builtins__}
+    exec(compile(source, "<lambdifygenerated-1>", "exec"), namespace)
+    del namespace["__builtins__"]
+    monkeypatch.setattr(claims, "judge_all", namespace["failing"])
     code, _, err = run("claims", "4.12")
     assert (code, err.count("\n")) == (4, 1)
     assert err.endswith("ArithmeticError: no number (<lambdifygenerated-1>, line 2)\n")

@@ -143,6 +143,7 @@ def test_a_multiplier_that_may_not_be_unique_is_said(run, problem):
 
 
 def test_a_case_is_solved_on_the_lshape_at_the_chosen_side(run):
+    """By counting: three squares of 8^2 nodes and those on the other sides; cells of 1/4 on a length of 8."""
     records = [solve_json(run, "thirds", *SIZES, "--polygon", "lshape", "--side", side)[1] for side in "02"]
     assert [record["unknowns"] for record in records] == [3 * 64 + 4 * 8 + 1] * 2
     assert [record["multipliers"] for record in records] == [32] * 2

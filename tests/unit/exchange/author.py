@@ -77,15 +77,15 @@ class Level(NamedTuple):
 
 
 def read(folder, name):
-    sample = Path(folder) / name
-    mesh = meshio.read(sample / "mesh.vtu")
-    nodes = pd.read_csv(sample / "nodes.csv")
+    level_folder = Path(folder) / name
+    mesh = meshio.read(level_folder / "mesh.vtu")
+    nodes = pd.read_csv(level_folder / "nodes.csv")
     return Level(
         nodes[["x", "y"]].to_numpy(),
         mesh.cells_dict["triangle"],
         nodes,
-        pd.read_csv(sample / "partition.csv"),
-        xr.load_dataset(sample / "quadrature.nc"),
+        pd.read_csv(level_folder / "partition.csv"),
+        xr.load_dataset(level_folder / "quadrature.nc"),
         json.loads((Path(folder) / "problem.json").read_text()),
         np.flatnonzero(nodes.s.notna())[np.argsort(nodes.s.dropna().to_numpy())],
     )

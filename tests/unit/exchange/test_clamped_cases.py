@@ -100,8 +100,8 @@ def test_the_files_tell_what_is_given_where(folder, name):
     np.testing.assert_allclose(
         nodes.u_D[subset], case.exact.value_and_gradient(level.mesh.points[subset])[0], rtol=0, atol=1e-15
     )
-    alternatives = np.setdiff1d(level.mesh.boundary, subset)
-    assert (np.flatnonzero(nodes.g.notna()) == alternatives).all()
+    contact_nodes = np.setdiff1d(level.mesh.boundary, subset)
+    assert (np.flatnonzero(nodes.g.notna()) == contact_nodes).all()
     assert (cells.g_mean.isna() == (cells.side == side)).all()
     rule = xr.load_dataset(folder(name) / "level_1/quadrature.nc")
     assert (np.isnan(rule.g) == (rule.side == side)).all()

@@ -173,6 +173,7 @@ def test_an_error_of_0_up_to_rounding_has_no_rate(fine):
 
 
 def test_the_slowest_pair_counts_and_own_rates_are_apart():
+    """By hand: errors halve, quarter and halve, so the rates of pairs are 1, 2 and 1."""
     rate = compute_rates(load("natural").problem, ladder(1.0, 0.5, 0.125, 0.0625))["h1"]
     assert (rate.pairs, rate.observed, rate.own, rate.proved) == (3, 1.0, 0.0, 1.0)
 

@@ -57,12 +57,12 @@ def test_the_load_of_what_is_left_has_the_given_values(form):
     mesh = make_structured_mesh(square(), 1 / 8)
     rng = np.random.default_rng(2)
     fixed = form.clamped_nodes(mesh)
-    has_multiplier, load = rng.normal(size=(2, mesh.n_nodes))
-    v = has_multiplier + condense(mesh, form).solve(subtract_lift_from_load(mesh, form, load, has_multiplier))
+    clamped_values, load = rng.normal(size=(2, mesh.n_nodes))
+    v = clamped_values + condense(mesh, form).solve(subtract_lift_from_load(mesh, form, load, clamped_values))
     K, M = stiffness_and_mass(mesh)
     remaining = (K + form.c * M) @ v - load
     assert np.abs(remaining[~fixed]).max() < 1e-10
-    assert np.array_equal(v[fixed], has_multiplier[fixed])
+    assert np.array_equal(v[fixed], clamped_values[fixed])
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -191,18 +191,18 @@ def test_refusals_name_the_place_and_the_part(text, message):
 )
 def test_limits_are_looked_at_before_the_work(text, monkeypatch):
     """No power of x + y above its 100th, and no product above the 100th degree, is worked out."""
-    sample = []
+    degrees = []
 
     def recording(operation):
-        return lambda a, b: sample.append(sympy.total_degree(symbolic(operation(a, b)))) or operation(a, b)
+        return lambda a, b: degrees.append(sympy.total_degree(symbolic(operation(a, b)))) or operation(a, b)
 
     operators = {kind: recording(operation) for kind, operation in grammar.OPERATORS.items()}
     monkeypatch.setattr(grammar, "OPERATORS", operators)
     with pytest.raises(InputError):
         parse_formula(text, ("x", "y"), "here")
-    assert max(sample, default=0) <= 100
+    assert max(degrees, default=0) <= 100
     assert symbolic(parse_formula("(x + y)**3", ("x", "y"), "here")) == (X + Y) ** 3
-    assert sample[-1] == 3
+    assert degrees[-1] == 3
 
 
 @pytest.mark.parametrize(

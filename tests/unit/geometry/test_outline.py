@@ -39,8 +39,8 @@ def random_turns(draw):
     if draw.random() < 0.2:
         slight = np.append(slight, draw.uniform(0.9, 1) * SHARPEST)
     while True:
-        alternatives = draw.dirichlet(np.ones(n)) * (2 * np.pi - slight.sum())
-        turns = draw.permutation(np.append(slight, alternatives))
+        sharp_turns = draw.dirichlet(np.ones(n)) * (2 * np.pi - slight.sum())
+        turns = draw.permutation(np.append(slight, sharp_turns))
         if turns.min() >= SLIGHTEST and turns.max() <= SHARPEST:
             return turns
 

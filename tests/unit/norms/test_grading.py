@@ -37,9 +37,9 @@ def test_the_edges_at_a_singular_point_are_halved_from_both_sides(name, position
     graded = grade_boundary_nodes(cells, [position], 8)
     assert np.isin(cells.points[:-1], graded).all()
     assert np.abs(graded - position).min() == 0
-    alternatives = np.union1d(plain[np.isin(plain, cells.points)], [position])
+    ends_and_position = np.union1d(plain[np.isin(plain, cells.points)], [position])
     for sign in (-1, 1):
-        component = np.sort(sign * (alternatives - position) % perimeter)[1]
+        component = np.sort(sign * (ends_and_position - position) % perimeter)[1]
         away = np.sort(sign * (graded - position) % perimeter)[1 : grading.HALVINGS_AT_SINGULARITY + 2]
         assert_allclose(away[1:] / away[:-1], 2, rtol=1e-6)  # differences of arc lengths
         assert away[-1] <= component * (1 + 1e-12)

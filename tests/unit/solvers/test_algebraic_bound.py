@@ -95,8 +95,8 @@ def error_data(discrete) -> System:
     np.fill_diagonal(off_diagonal, 0.0)
     A = exact(off_diagonal)
     np.fill_diagonal(A, exact(sums) - A.sum(axis=1))
-    has_multiplier = np.broadcast_to(discrete.dirichlet_lift, len(load))
-    return System(A, exact(load), exact(B), d, has_multiplier)
+    lift = np.broadcast_to(discrete.dirichlet_lift, len(load))
+    return System(A, exact(load), exact(B), d, lift)
 
 
 def solved_exactly(system: System, active: Mask) -> tuple[Array, Array]:

@@ -31,10 +31,10 @@ def test_a_container_s_limit_is_kept(tmp_path, monkeypatch, limit, remaining):
 def test_the_peak_sees_what_was_held_and_is_forgotten_where_the_system_can():
     forget_peak()
     before = peak_mb()
-    has_multiplier = np.ones(MB * 2**17)
+    array = np.ones(MB * 2**17)
     with_it = peak_mb()
-    assert with_it >= max(before, has_multiplier.nbytes / 2**20)
-    del has_multiplier
+    assert with_it >= max(before, array.nbytes / 2**20)
+    del array
     assert peak_mb() == with_it
     forget_peak()
     assert (peak_mb() < with_it - 0.9 * MB) == CLEARED.exists()

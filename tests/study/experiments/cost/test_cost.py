@@ -223,11 +223,11 @@ def steps_with_rounding(method, seed):
 def test_steps_that_are_shown_do_not_change_with_rounding(method):
     """Those of Barzilai and Borwein to 1e-10 do, and are not shown."""
     first = steps_with_rounding(method, 0)
-    alternatives = [steps_with_rounding(method, seed) for seed in range(1, 6)]
+    rounded_runs = [steps_with_rounding(method, seed) for seed in range(1, 6)]
     displayed = STOPS.index(trade.COMPARED_LEVEL) + 1
     assert len(first) == len(STOPS)
-    assert all(steps[:displayed] == first[:displayed] for steps in alternatives)
-    changes = any(steps != first for steps in alternatives)
+    assert all(steps[:displayed] == first[:displayed] for steps in rounded_runs)
+    changes = any(steps != first for steps in rounded_runs)
     assert changes == (method == "barzilai_borwein")
 
 
@@ -256,8 +256,8 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met():
 
 def test_an_axis_has_all_combinations_of_its_values_the_base_first():
     """By hand: two fields of three and two values; others are the base's."""
-    alternatives = {"algorithm": ["safe", "newton"], "H_over_h": ["3/2"]}
-    (axis,) = plan_axes({"base": STUDY["base"], "axes": {"both": alternatives}})
+    values_of_axis = {"algorithm": ["safe", "newton"], "H_over_h": ["3/2"]}
+    (axis,) = plan_axes({"base": STUDY["base"], "axes": {"both": values_of_axis}})
     assert axis.values == {"algorithm": ["uzawa", "safe", "newton"], "H_over_h": [2.0, 1.5]}
     expected = [
         BASE._replace(algorithm=name, H_over_h=ratio)

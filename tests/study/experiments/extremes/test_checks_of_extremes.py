@@ -49,8 +49,8 @@ def axes(**changed):
 
 def make_other_solver(error, bound):
     """Of the last point, that one solver refuses, numbers by another one."""
-    sample = {"true_error": [0.5, 0.5, 1.05, error], "guaranteed": [1.0, 1.0, 1.0, bound]}
-    return axes(**sample, allowance=4 * [0.1])
+    variables = {"true_error": [0.5, 0.5, 1.05, error], "guaranteed": [1.0, 1.0, 1.0, bound]}
+    return axes(**variables, allowance=4 * [0.1])
 
 
 def step_limit(distance):

@@ -66,7 +66,7 @@ MOST = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 2.0}, 
 BELOW = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 0.25}, tolerance=0.1)
 
 
-def make_positions(place, has_multiplier=()):
+def make_positions(place, held_cells=()):
     """Errors of 1 but for one of 1.5; all cells at gamma = 1, with alpha < 0, on the first level are held."""
     error = np.ones((4, 3, 2, 2))
     has = np.zeros((4, 3, 2, 2))
@@ -74,8 +74,8 @@ def make_positions(place, has_multiplier=()):
     has[:, :, 1] = 1.0
     has[:, 0] = 1.0
     has[0] = 1.0
-    if has_multiplier:
-        has[has_multiplier] = 1.0
+    if held_cells:
+        has[held_cells] = 1.0
     fields = {"l2_error": (("level", "alpha", "gamma", "position"), error), "held": has}
     return table(**fields, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
 
@@ -133,7 +133,7 @@ ROWS = [
     # alpha > 0. There no cell may be held.
     *[(RELEASED, make_positions(place), 1.5) for place in ((2, 1, 1, 0), (3, 2, 1, 1))],
     *[(RELEASED, make_positions(place), 1.0) for place in ((1, 1, 1, 0), (3, 0, 1, 0))],
-    (RELEASED, make_positions((2, 1, 1, 0), has_multiplier=(2, 1, 0, 1)), (1.0, False)),
+    (RELEASED, make_positions((2, 1, 1, 0), held_cells=(2, 1, 0, 1)), (1.0, False)),
     # t may lack its logarithm at alpha = 1/2, at 1/4 nothing; the first pair does not count.
     ("T.t", t_rates([0, 1.125, 1.5], [0, 1.25, 1.5]), (-0.125, False)),
     ("T.t", t_rates([0, 2, 1.5], [0, 1.25, 1.25]), min(0, TAKEN - 0.25)),
