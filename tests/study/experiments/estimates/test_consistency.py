@@ -74,7 +74,7 @@ def test_a_term_off_the_declared_transitions_is_seen(case_like):
 
 
 def test_cells_with_a_point_inside_are_found_and_not_those_with_one_at_an_end():
-    """By hand: 0.1 and 0.2 are in cell 0, 2.9 in cell 11 and 3.99 in cell 15; the others are ends of cells."""
+    """By hand: 0.1 and 0.2 are in cell 0, 2.9 in cell 11, 3.99 in cell 15; the others are ends."""
     cells = make_uniform_partition(SQUARE, 1 / 4)
     inside = cells.has_inside(np.array([0.1, 0.2, 0.5, 1.0, 2.9, 3.99, 4.0, 0.0]))
     assert np.flatnonzero(inside).tolist() == [0, 11, 15]
