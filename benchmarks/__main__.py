@@ -21,8 +21,8 @@ from unilateral.errors import InputError
 from unilateral.system.files import replacing
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
-STARTS = 3.0
-GUESS = 2e-5
+SECONDS_PER_START = 3.0
+SECONDS_PER_UNKNOWN_GUESS = 2e-5
 """Seconds for the processes of a run, and for an unknown before anything is known of a solver."""
 
 
@@ -37,38 +37,38 @@ class Runner:
 
     def all(self, runs: list[Run]) -> list[dict[str, Any]]:
         """The records of all runs, of which those are made that there are not."""
-        records = [self.stored(run) for run in runs]
+        records = [self.read_record(run) for run in runs]
         waiting = [run for run, record in zip(runs, records, strict=True) if record is None]
         for record in filter(None, records):
             self.learn(record)
         for k, run in enumerate(waiting):
-            minutes = sum(map(self.expected, waiting[k:])) / 60
+            minutes = sum(map(self.expect_seconds, waiting[k:])) / 60
             print(f"{k + 1} of {len(waiting)}: {run.name}; about {minutes:.0f} min left", flush=True)
-            self.learn(self.made(run))
-        return [record for record in map(self.stored, runs) if record]
+            self.learn(self.make_record(run))
+        return [record for record in map(self.read_record, runs) if record]
 
-    def stored(self, run: Run) -> dict[str, Any] | None:
+    def read_record(self, run: Run) -> dict[str, Any] | None:
         """The record of the same run, if there is one."""
         path = self.folder / f"{run.name}.json"
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         return record if record.get("order") == run.order else None
 
-    def expected(self, run: Run) -> float:
+    def expect_seconds(self, run: Run) -> float:
         """The wall-clock seconds that a run is expected to take, by the pace of its solver's runs so far."""
-        return STARTS + self.paces.get(run.solver, GUESS) * run.n**2
+        return SECONDS_PER_START + self.paces.get(run.solver, SECONDS_PER_UNKNOWN_GUESS) * run.n**2
 
     def learn(self, record: dict[str, Any]) -> None:
         """Note how fast a solver is: seconds per unknown."""
-        self.paces[record["solver"]] = max(record["seconds"] - STARTS, 0) / record["n"] ** 2
+        self.paces[record["solver"]] = max(record["seconds"] - SECONDS_PER_START, 0) / record["n"] ** 2
 
-    def made(self, run: Run) -> dict[str, Any]:
+    def make_record(self, run: Run) -> dict[str, Any]:
         """The record of a run that is made now; a solver's first run is made twice, to fill its caches."""
         start = time.perf_counter()
         data = self.data(run)
         solution_file = self.folder / "found.npz"
         if run.solver not in self.paces:
-            self.measured(run, data, solution_file)
-        measured = {**self.measured(run, data, solution_file), **self.judged(run, data, solution_file)}
+            self.measure(run, data, solution_file)
+        measured = {**self.measure(run, data, solution_file), **self.judge_solution(run, data, solution_file)}
         record = {"solver": run.solver, "problem": run.problem, "n": run.n, "order": run.order, **measured}
         record["seconds"] = time.perf_counter() - start
         with replacing(self.folder / f"{run.name}.json") as temporary:
@@ -80,35 +80,35 @@ class Runner:
         for n in sorted({min(run.n, self.plan["judged"]), run.n}):
             path = self.folder / "data" / f"{run.problem}-{n}.npz"
             if not path.exists():
-                started(sys.executable, "benchmarks.problem", "prepare", {**run.order, "n": n}, path)
+                run_module(sys.executable, "benchmarks.problem", "prepare", {**run.order, "n": n}, path)
         return path
 
-    def measured(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+    def measure(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
         """The driver's report."""
         module = self.plan["solvers"][run.solver]["module"]
-        output = started(plan.interpreter(self.plan, run.solver), module, data, solution_file, run.order)
+        output = run_module(plan.interpreter(self.plan, run.solver), module, data, solution_file, run.order)
         measured: dict[str, Any] = json.loads(output.splitlines()[-1])
         return measured
 
-    def judged(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+    def judge_solution(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
         """The errors of what was found, in the first of the repeats: the others find the same."""
         if run.repeat > 0 or run.n > self.plan["judged"]:
             return {}
-        output = started(sys.executable, "benchmarks.problem", "judge", run.order, data, solution_file)
+        output = run_module(sys.executable, "benchmarks.problem", "judge", run.order, data, solution_file)
         judged: dict[str, Any] = json.loads(output)
         return judged
 
 
-def started(python: str, module: str, *arguments: object) -> str:
+def run_module(python: str, module: str, *arguments: object) -> str:
     """The output of a module of the benchmarks, run on one thread in a process of its own."""
     command = plan.command(python, module, *arguments)
-    done = subprocess.run(command, cwd=ROOT, env=on_one_thread(), capture_output=True, text=True)
+    done = subprocess.run(command, cwd=ROOT, env=one_thread_environment(), capture_output=True, text=True)
     if done.returncode:
         raise InputError(f"{module} failed on {arguments}: {done.stderr.strip()[-500:]}")
     return done.stdout
 
 
-def on_one_thread() -> dict[str, str]:
+def one_thread_environment() -> dict[str, str]:
     """The environment of what is measured."""
     return {**os.environ, **dict.fromkeys(THREADS, "1")}
 
@@ -138,7 +138,7 @@ def main(sizes: list[str]) -> int:
     try:
         run_plan = plan.read(FOLDER / "benchmarks.yaml")
         records = Runner(run_plan, FOLDER / "runs").all(available(run_plan, sizes))
-        machine = json.loads(started(sys.executable, "benchmarks.machine"))
+        machine = json.loads(run_module(sys.executable, "benchmarks.machine"))
     except InputError as fault:
         print(f"benchmarks: {fault}", file=sys.stderr)
         return fault.exit_code

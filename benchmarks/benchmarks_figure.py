@@ -52,7 +52,7 @@ def table(results: style.FilePath) -> pd.DataFrame:
     error of u in H1 over both, as ratios to a linear solve from nothing on the finest mesh with errors.
     """
     runs = tables.load_table(results).to_dataframe()
-    lines = [line for way in SOLVERS for line in _of_solver(runs, way)]
+    lines = [line for way in SOLVERS for line in _solver_lines(runs, way)]
     linear = judge.along(runs, judge.LINEAR)
     unit = linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
     for system in BY:
@@ -65,7 +65,7 @@ def table(results: style.FilePath) -> pd.DataFrame:
     return pd.concat(lines, ignore_index=True)
 
 
-def _of_solver(runs: pd.DataFrame, way: str) -> list[pd.DataFrame]:
+def _solver_lines(runs: pd.DataFrame, way: str) -> list[pd.DataFrame]:
     levels = judge.along(runs, way)
     columns = {"seconds": "cpu_seconds", "memory": "peak_mb"}
     return [
@@ -80,7 +80,7 @@ def _errors(runs: pd.DataFrame, system: str, algorithm: str) -> pd.DataFrame:
         levels = (
             judge.along(runs, judge.MULTIGRID)
             if algorithm == "newton"
-            else judge.by_multigrid(runs, algorithm)
+            else judge.predict_multigrid_cost(runs, algorithm)
         )
     else:
         levels = judge.along(runs, f"{system} {algorithm}")

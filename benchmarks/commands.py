@@ -18,60 +18,66 @@ from tempfile import TemporaryFile
 from typing import Any
 
 from benchmarks import plan
-from benchmarks.__main__ import GUESS, Runner, available, on_one_thread, started
+from benchmarks.__main__ import (
+    SECONDS_PER_UNKNOWN_GUESS,
+    Runner,
+    available,
+    one_thread_environment,
+    run_module,
+)
 from benchmarks.plan import FOLDER, ROOT, Run
 from unilateral.errors import InputError
 from unilateral.system.files import replacing
 
 MEDIANS = ("cpu_seconds", "wall", "peak_mb", "bound_over_solve")
-TOLD = ("relative_bound", "levels_over_last", "over_bound")
+ANSWER_NUMBERS = ("relative_bound", "levels_over_last", "over_bound")
 OURS = "unilateral"
-SURE = 256
+MIN_PACE_SIZE = 256
 """Sizes from which on a process tells how fast a solver is."""
-TWICE = 2.0
+MAX_BOUND_RATIO = 2.0
 """Another u is accurate enough if its guaranteed bound is at most this times that of this project's u."""
 
 
-class Whole(Runner):
+class ProcessRunner(Runner):
     """The same runner, of whole processes. What fails, or is not certified, is told and does not count."""
 
-    def made(self, run: Run) -> dict[str, Any]:
+    def make_record(self, run: Run) -> dict[str, Any]:
         """The record of a run; empty, with a message, if it does not count."""
         try:
-            return super().made(run)
+            return super().make_record(run)
         except InputError as fault:
             print(f"benchmarks: {run.name} does not count: {fault}", file=sys.stderr)
             return {}
 
     def learn(self, record: dict[str, Any]) -> None:
         """Note how fast a solver is, if the run was long enough to tell."""
-        if record.get("n", 0) >= SURE:
+        if record.get("n", 0) >= MIN_PACE_SIZE:
             super().learn(record)
         elif record:
-            self.paces.setdefault(record["solver"], GUESS)
+            self.paces.setdefault(record["solver"], SECONDS_PER_UNKNOWN_GUESS)
 
     def data(self, run: Run) -> Path:
         """The problem file of a command, or the data for a driver."""
         return Path(run.order["typed"][1]) if "typed" in run.order else super().data(run)
 
-    def measured(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+    def measure(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
         """The process's seconds and memory, and its answer."""
         typed = run.order.get("typed")
         module = self.plan["solvers"][run.solver]["module"]
         arguments = [*typed, "--json"] if typed else [data, solution_file, run.order]
         output, resources = process(plan.command(plan.interpreter(self.plan, run.solver), module, *arguments))
-        return resources | (certified(output) if typed else reported(output, run.n))
+        return resources | (read_certified_answer(output) if typed else read_driver_report(output, run.n))
 
-    def judged(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
+    def judge_solution(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
         """The bound on the error of a driver's u over that of this project's u, in each repeat.
 
-        Raises InputError beyond TWICE.
+        Raises InputError beyond MAX_BOUND_RATIO.
         """
         if "typed" in run.order:
             return {}
-        judged = super().judged(run._replace(repeat=0), data, solution_file)
+        judged = super().judge_solution(run._replace(repeat=0), data, solution_file)
         over_bound = max(judged["errors"]) / judged["reference"]
-        if over_bound > TWICE:
+        if over_bound > MAX_BOUND_RATIO:
             raise InputError("its u is farther from this project's than the bound on that one's error")
         return {"over_bound": over_bound}
 
@@ -83,7 +89,7 @@ def process(command: list[str]) -> tuple[str, dict[str, float]]:
     """
     with TemporaryFile("w+") as out, TemporaryFile("w+") as err:
         start = time.perf_counter()
-        running = subprocess.Popen(command, cwd=ROOT, env=on_one_thread(), stdout=out, stderr=err)
+        running = subprocess.Popen(command, cwd=ROOT, env=one_thread_environment(), stdout=out, stderr=err)
         _, status, used = os.wait4(running.pid, 0)
         wall = time.perf_counter() - start
         running.returncode = os.waitstatus_to_exitcode(status)
@@ -95,7 +101,7 @@ def process(command: list[str]) -> tuple[str, dict[str, float]]:
         return out.read(), {"cpu_seconds": cpu, "wall": wall, "peak_mb": used.ru_maxrss / 2**10}
 
 
-def certified(output: str) -> dict[str, Any]:
+def read_certified_answer(output: str) -> dict[str, Any]:
     """Numbers that `solve --json` prints. Raises InputError without a guaranteed relative bound."""
     answer = json.loads(output)
     bound = answer["h1_relative_bound"]
@@ -106,7 +112,7 @@ def certified(output: str) -> dict[str, Any]:
     return {"unknowns": answer["unknowns"], "relative_bound": bound, "levels_over_last": over_last}
 
 
-def reported(output: str, n: int) -> dict[str, Any]:
+def read_driver_report(output: str, n: int) -> dict[str, Any]:
     """The unknowns, and the seconds of the bound over those of the solve, from a driver's output."""
     (first, *_) = json.loads(output.splitlines()[-1])["results"]
     phases = {name: cpu for name, (cpu, _) in first["phases"].items()}
@@ -134,7 +140,7 @@ def _row(records: list[Mapping[str, Any]]) -> dict[str, Any]:
     first = records[0]
     seconds = [record["cpu_seconds"] for record in records]
     row = {name: first.get(name) for name in ("solver", "problem", "n", "unknowns")}
-    row |= {name: first[name] for name in TOLD if name in first}
+    row |= {name: first[name] for name in ANSWER_NUMBERS if name in first}
     if "typed" in first["order"]:
         row["typed"] = " ".join(["unilateral", *first["order"]["typed"]])
     medians = {name: median(repeat[name] for repeat in records) for name in MEDIANS if name in first}
@@ -146,8 +152,10 @@ def main(sizes: list[str]) -> int:
     """Runs all commands, or those of the sizes, and prints the table."""
     try:
         run_plan = plan.read(FOLDER / "benchmarks.yaml")
-        table = rows(Whole(run_plan, FOLDER / "runs/commands").all(available(run_plan, sizes, plan.commands)))
-        machine = json.loads(started(sys.executable, "benchmarks.machine"))
+        table = rows(
+            ProcessRunner(run_plan, FOLDER / "runs/commands").all(available(run_plan, sizes, plan.commands))
+        )
+        machine = json.loads(run_module(sys.executable, "benchmarks.machine"))
     except InputError as fault:
         print(f"benchmarks: {fault}", file=sys.stderr)
         return fault.exit_code

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-from benchmarks.whole import ROOT, disk, measured
+from benchmarks.whole import ROOT, disk, measure_command
 
 SETS = ("core", "plot", "files", "mesh", "all")
 """The core, and the extras for users of the solver."""
@@ -39,7 +39,7 @@ def pip(python: Path, *arguments: str) -> list[str]:
     return [str(python), "-m", "pip", "--disable-pip-version-check", *arguments]
 
 
-def built(folder: Path) -> list[Path]:
+def build_packages(folder: Path) -> list[Path]:
     """The sdist, and the wheel that pip makes of it. Raises CalledProcessError."""
     subprocess.run([sys.executable, "-c", BUILD, folder], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     (sdist,) = folder.glob("*.tar.gz")
@@ -50,11 +50,11 @@ def built(folder: Path) -> list[Path]:
     return [sdist, *folder.glob("*.whl")]
 
 
-def installed(package: Path, name: str) -> dict[str, float]:
+def try_installation(package: Path, name: str) -> dict[str, float]:
     """Seconds, MB and packages of a set, installed from that file and tried. Raises CalledProcessError."""
     extra = "" if name == "core" else f"[{name}]"
     with environment() as python, tempfile.TemporaryDirectory() as empty:
-        installation = measured(pip(python, "install", "-q", f"{package}{extra}"))
+        installation = measure_command(pip(python, "install", "-q", f"{package}{extra}"))
         size = disk(python.parent.parent)
         smoke = [str(python), "-W", "error", str(ROOT / "tests/smoke.py"), name]
         subprocess.run(smoke, cwd=empty, check=True)
@@ -66,10 +66,10 @@ def installed(package: Path, name: str) -> dict[str, float]:
 def main() -> None:
     """Raises CalledProcessError where a command fails."""
     with tempfile.TemporaryDirectory() as folder:
-        sdist, wheel = built(Path(folder))
+        sdist, wheel = build_packages(Path(folder))
         for name in SETS:
-            installed(sdist, name)
-        installations = {name: installed(wheel, name) for name in SETS}
+            try_installation(sdist, name)
+        installations = {name: try_installation(wheel, name) for name in SETS}
     stored = {"date": datetime.now(UTC).date().isoformat(), **installations}
     (ROOT / "benchmarks/installations.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 

@@ -28,8 +28,8 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
     """Times, ratios and scores, as documents name them."""
     return {
         "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
-        "commands": of_commands(results["benchmarks/commands"]),
-        "trust": of_trust(results["benchmarks/trust"]),
+        "commands": command_numbers(results["benchmarks/commands"]),
+        "trust": trust_numbers(results["benchmarks/trust"]),
         "scores": {name: parse_real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
@@ -46,7 +46,7 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
     }
 
 
-def of_commands(stored: Mapping[str, Any]) -> dict[str, Any]:
+def command_numbers(stored: Mapping[str, Any]) -> dict[str, Any]:
     """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last."""
     (bound,) = [row for row in stored["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
     levels = [row["levels_over_last"] for row in stored["rows"] if row["solver"] == OURS and row["n"] == 0]
@@ -78,7 +78,7 @@ def _command(row: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def of_trust(stored: Mapping[str, Any]) -> dict[str, Any]:
+def trust_numbers(stored: Mapping[str, Any]) -> dict[str, Any]:
     """The date, and on the largest mesh what a check takes, also over the bound and the solve before it."""
     largest = stored["rows"][-1]
     ours = largest["solve"]["seconds"] + largest["bound"]["seconds"]

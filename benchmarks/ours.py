@@ -36,17 +36,17 @@ from unilateral.solvers.uzawa import uzawa
 ALGORITHMS = ("uzawa", "nesterov", "newton")
 FIRST = ("mesh", "assembly", "operator")
 Order = Mapping[str, Any]
-Told = tuple[Array, list[dict[str, Any]], list[Array]]
+DriverResult = tuple[Array, list[dict[str, Any]], list[Array]]
 """Nodes (n, 2), results, and the u (n,) of each."""
 
 
-def by_multigrid(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+def solve_by_multigrid(clock: Clock, data: Mapping[str, Array], parameters: Order) -> DriverResult:
     """A problem from nothing, and a further one with other cells on the same hierarchy, by multigrid."""
     H = parameters["H_over_h"]
     tolerance = tolerance_of(data, parameters)
     load = data["load"]
     means = data[f"means_{OTHER[H]}"]
-    mesh, levels, first = from_nothing(clock, data, parameters)
+    mesh, levels, first = solve_from_nothing(clock, data, parameters)
     further = grid(mesh, levels, load, means, OTHER[H]).solve(tolerance)
     clock.lap("further")
     phases = clock.only(["mesh", "assembly", "solve"]), {"solve": clock.phases["further"]}
@@ -57,7 +57,7 @@ def by_multigrid(clock: Clock, data: Mapping[str, Array], parameters: Order) -> 
     return mesh.points, results, [first.u, further.u]
 
 
-def from_nothing(
+def solve_from_nothing(
     clock: Clock, data: Mapping[str, Array], parameters: Order
 ) -> tuple[Mesh, Hierarchy, MultigridResult]:
     """Mesh, hierarchy and solution by multigrid, in the phases `mesh`, `assembly` and `solve`."""
@@ -75,7 +75,7 @@ def from_nothing(
     return mesh, levels, result
 
 
-def linear(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+def linear(clock: Clock, data: Mapping[str, Array], parameters: Order) -> DriverResult:
     """A linear problem, without cells, by multigrid."""
     load = data["load"]
     none = data["load"][:0]
@@ -91,10 +91,10 @@ def linear(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
     return mesh.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(result)}], []
 
 
-def bound(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+def bound(clock: Clock, data: Mapping[str, Array], parameters: Order) -> DriverResult:
     """The solution of a problem file by multigrid, and the guaranteed bound on its error."""
     problem = problem_file.load_problem(parameters["case"])
-    (mesh, _, solution) = from_nothing(clock, data, parameters)
+    (mesh, _, solution) = solve_from_nothing(clock, data, parameters)
     enclosed = enclose_data(problem, mesh, H1)
     cells = partition(mesh, parameters["H_over_h"])
     clock.skip()
@@ -104,14 +104,14 @@ def bound(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
     return mesh.points, [result], [solution.u]
 
 
-def recursive(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+def recursive(clock: Clock, data: Mapping[str, Array], parameters: Order) -> DriverResult:
     """All algorithms on the boundary, with the interior eliminated by macro-elements."""
-    return eliminated(clock, data, parameters, condense)
+    return run_boundary_algorithms(clock, data, parameters, condense)
 
 
-def sparse(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+def sparse(clock: Clock, data: Mapping[str, Array], parameters: Order) -> DriverResult:
     """All algorithms on the boundary, with the interior eliminated by sparse factors."""
-    return eliminated(
+    return run_boundary_algorithms(
         clock,
         data,
         parameters,
@@ -119,9 +119,9 @@ def sparse(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
     )
 
 
-def eliminated(
+def run_boundary_algorithms(
     clock: Clock, data: Mapping[str, Array], parameters: Order, condense: Callable[[Mesh], CondensedMatrix]
-) -> Told:
+) -> DriverResult:
     """Results of all algorithms from nothing, and for a further load: its elimination, and the steps."""
     load = data["load"]
     means = data[f"means_{parameters['H_over_h']}"]
@@ -171,7 +171,13 @@ def counts(result: MultigridResult) -> dict[str, int]:
     return {"iterations": sum(finest), "sets": len(finest)}
 
 
-WAYS = {"multigrid": by_multigrid, "bound": bound, "linear": linear, "recursive": recursive, "sparse": sparse}
+WAYS = {
+    "multigrid": solve_by_multigrid,
+    "bound": bound,
+    "linear": linear,
+    "recursive": recursive,
+    "sparse": sparse,
+}
 
 
 def main() -> None:

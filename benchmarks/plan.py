@@ -64,20 +64,22 @@ def _check(plan: dict[str, Any], where: str, field: str, names: Sequence[str]) -
 
 def runs(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
     """All runs, of the given sizes only if there are any; solvers take turns, so that all see one machine."""
-    return [run for entry in plan["runs"] for run in _of_entry(plan, entry, sizes or entry["sizes"])]
+    return [run for entry in plan["runs"] for run in _list_driver_runs(plan, entry, sizes or entry["sizes"])]
 
 
 def commands(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
     """All runs of whole processes, which take turns; those with an accuracy have n = 0, and no size."""
     declared = plan["commands"]
-    command_runs = [run for entry in declared["typed"] for run in _typed(entry, declared["solvers"], sizes)]
+    command_runs = [
+        run for entry in declared["typed"] for run in _list_typed_runs(entry, declared["solvers"], sizes)
+    ]
     command_runs += [
-        run for entry in declared["beside"] for run in _of_entry(plan, entry, sizes or entry["sizes"])
+        run for entry in declared["beside"] for run in _list_driver_runs(plan, entry, sizes or entry["sizes"])
     ]
     return sorted(command_runs, key=lambda run: run.repeat)
 
 
-def _typed(entry: dict[str, Any], solvers: Sequence[str], sizes: Sequence[int]) -> Iterator[Run]:
+def _list_typed_runs(entry: dict[str, Any], solvers: Sequence[str], sizes: Sequence[int]) -> Iterator[Run]:
     file = entry["solve"]
     accuracy = entry.get("accuracy")
     options_by_size = {n: ["--h", f"1/{n}", "--H", f"1/{n // CELLS}"] for n in entry.get("sizes", [])}
@@ -92,7 +94,7 @@ def _typed(entry: dict[str, Any], solvers: Sequence[str], sizes: Sequence[int]) 
                 yield Run(solver, f"{Path(file).stem}{accuracy or ''}", n, repeat, order)
 
 
-def _of_entry(plan: dict[str, Any], entry: dict[str, Any], sizes: Sequence[int]) -> Iterator[Run]:
+def _list_driver_runs(plan: dict[str, Any], entry: dict[str, Any], sizes: Sequence[int]) -> Iterator[Run]:
     for problem in entry["problems"]:
         for n in sorted({*entry["sizes"]} & {*sizes}):
             for repeat in range(entry.get("repeats", REPEATS)):

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.peers.driver import matched
+from benchmarks.peers.driver import match_nodes
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
 from unilateral.bounds.enclosed_data import enclose_data
@@ -59,11 +59,11 @@ def mesh_of(order: Order) -> Mesh:
     return (
         mesh
         if order["flat"] == 1
-        else refine_uniformly(flattened(mesh.coarse or mesh, order["flat"]), mesh.halvings)
+        else refine_uniformly(flatten_mesh(mesh.coarse or mesh, order["flat"]), mesh.halvings)
     )
 
 
-def flattened(mesh: Mesh, flat: float) -> Mesh:
+def flatten_mesh(mesh: Mesh, flat: float) -> Mesh:
     """Every second inner node moved to the right, until a share `flat` of the distance h is left."""
     points = mesh.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), mesh.boundary)
@@ -80,7 +80,7 @@ def prepare(order: Order, path: Path) -> None:
     it the error is that of the size `judged`, smaller by the ratio of the sizes.
     """
     if problem_file.is_problem_file(order["case"]):
-        _save(path, _unknown(problem_file.load_problem(order["case"]), order))
+        _save(path, _solve_unknown_problem(problem_file.load_problem(order["case"]), order))
         return
     case = cases.load_solution(order["case"], find_polygon(order["polygon"]))
     mesh = mesh_of(order)
@@ -89,7 +89,7 @@ def prepare(order: Order, path: Path) -> None:
         f"means_{k}": cell_means(case, partition(mesh, k)).g_means for k in OTHER
     }
     if order["n"] <= order["judged"]:
-        data |= _judged(case, mesh, load, data[f"means_{CELLS}"])
+        data |= _solve_known_problem(case, mesh, load, data[f"means_{CELLS}"])
     else:
         judged_data = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
         data["error"] = judged_data["error"] * order["judged"] / order["n"]
@@ -106,7 +106,7 @@ def partition(mesh: Mesh, edges: int) -> Partition:
     return Partition(mesh.polygon, mesh.s[::edges].copy())
 
 
-def _judged(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
+def _solve_known_problem(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
     levels = build_hierarchy(mesh)
     w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
     # r_i = (u - w, phi_i)_1 = (f, phi_i) + <lambda, phi_i> - (w, phi_i)_1
@@ -122,7 +122,7 @@ def _arrays(mesh: Mesh) -> dict[str, Any]:
     return {**arrays, "boundary": mesh.boundary, "s": mesh.s}
 
 
-def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
+def _solve_unknown_problem(problem: Problem, order: Order) -> dict[str, Any]:
     """The data of a problem file, as `prepare` has them; `error` is the guaranteed bound on that of w."""
     mesh = mesh_of(order)
     data = enclose_data(problem, mesh, H1)
@@ -152,7 +152,7 @@ def judge(order: Order, data: Path, solutions: Path) -> dict[str, Any]:
     candidates = np.load(solutions)
     mesh = mesh_of(order)
     A, *_ = assemble_by_edges(mesh.triangulation, mesh.points)
-    numbers = matched(stored["points"], candidates["points"])
+    numbers = match_nodes(stored["points"], candidates["points"])
     squares = []
     for k in range(len(candidates.files) - 1):
         difference = stored["w"] - candidates[f"u_{k}"][numbers]

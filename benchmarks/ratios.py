@@ -61,7 +61,7 @@ def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
     return pd.DataFrame({name: along(runs, MULTIGRID, name)["iterations"] for name in problems})
 
 
-def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
+def predict_multigrid_cost(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
     """Predicted cost of an algorithm on the boundary if each of its steps were one linear multigrid solve."""
     steps = along(runs, f"recursive {algorithm}")
     linear = along(runs, LINEAR)

@@ -44,7 +44,7 @@ def solutions(python: str, driver: Path, case: str) -> list[tuple[str, str | Non
     return list(zip_longest(u_files, multiplier_files))
 
 
-def scored(python: str, driver: Path, name: str, sizes: dict[str, Any]) -> dict[str, Any]:
+def score_driver(python: str, driver: Path, name: str, sizes: dict[str, Any]) -> dict[str, Any]:
     """How a driver does on a case: ratios on the finest level, the rates beside this project's, a verdict."""
     h = parse_real(sizes["h"], "h")
     H = parse_real(sizes["H"], "H")
@@ -84,7 +84,7 @@ def rows(run_plan: dict[str, Any]) -> Iterator[dict[str, Any]]:
         for case in run_plan["scores"]["cases"]:
             print(f"{solver}: {case}", flush=True)
             python = plan.interpreter(run_plan, solver)
-            yield {"solver": solver, **scored(python, ROOT / driver, case, run_plan["scores"])}
+            yield {"solver": solver, **score_driver(python, ROOT / driver, case, run_plan["scores"])}
 
 
 def main() -> int:

@@ -142,9 +142,11 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
         "bandwidth": float(table["bandwidth"]) / 1e9,
         "flop_rate": float(table["flop_rate"]) / 1e9,
         "share_of_peak": judge.share_of_peak(runs, table, n),
-        "eliminated": _by_n(judge.ratios(runs, "recursive newton"), 256, 1024),
-        "sparse": _by_n(judge.ratios(runs, "sparse newton"), 256, 512),
-        "further_load": _by_n(judge.ratios(runs, "recursive further newton", judge.FURTHER), 256, 1024),
+        "eliminated": _values_at_sizes(judge.ratios(runs, "recursive newton"), 256, 1024),
+        "sparse": _values_at_sizes(judge.ratios(runs, "sparse newton"), 256, 512),
+        "further_load": _values_at_sizes(
+            judge.ratios(runs, "recursive further newton", judge.FURTHER), 256, 1024
+        ),
     }
 
 
@@ -156,6 +158,6 @@ def comparable(runs: pd.DataFrame) -> pd.Series:
     return (runs["H_over_h"] != max(judge.H_OVER_H.values())) & (runs["n"] >= SHOWN[0])
 
 
-def _by_n(values: pd.Series, *sizes: int) -> Mapping[str, float]:
+def _values_at_sizes(values: pd.Series, *sizes: int) -> Mapping[str, float]:
     """The values at those of the sizes n at which there are some."""
     return {str(n): float(values[n]) for n in sizes if n in values}

@@ -20,7 +20,7 @@ Record = Mapping[str, Any]
 
 def rows(records: Iterable[Record]) -> pd.DataFrame:
     """A row per way, problem, n and H/h, 0 where there are no cells; what nobody measured is NaN."""
-    results = pd.DataFrame([row for record in records for row in of_record(record)])
+    results = pd.DataFrame([row for record in records for row in list_result_rows(record)])
     grouped = results.groupby(KEYS, sort=False)
     medians = grouped[list(MEDIANS)].median()
     seconds = grouped["cpu_seconds"]
@@ -30,7 +30,7 @@ def rows(records: Iterable[Record]) -> pd.DataFrame:
     return medians.reset_index()
 
 
-def of_record(record: Record) -> list[dict[str, Any]]:
+def list_result_rows(record: Record) -> list[dict[str, Any]]:
     """A row per result of a run; errors are measured in one of its repeats."""
     errors = record.get("errors") or [np.nan] * len(record["results"])
     return [
@@ -46,13 +46,13 @@ def of_record(record: Record) -> list[dict[str, Any]]:
             "sets": result.get("sets", np.nan),
             "h1_error": error,
             "over_discrete": error / record.get("reference", np.nan),
-            **of_phases(result["phases"]),
+            **sum_phases(result["phases"]),
         }
         for result, error in zip(record["results"], errors, strict=True)
     ]
 
 
-def of_phases(phases: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+def sum_phases(phases: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     """Processor seconds of the phases, of all of them, and the wall-clock time of all."""
     seconds = dict.fromkeys(PHASES.values(), 0.0)
     for name, (cpu, _) in phases.items():

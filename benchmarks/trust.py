@@ -39,7 +39,7 @@ def row(n: int) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         polynomials = Path(folder, "polynomials.json.gz")
         formulas = Path(folder, "formulas.json.gz")
-        runs = [measured(n, polynomials, formulas) for _ in range(REPEATS)]
+        runs = [measure_parts(n, polynomials, formulas) for _ in range(REPEATS)]
         size = polynomials.stat().st_size / 2**20
     medians = {
         name: {unit: median(run[name][unit] for run in runs) for unit in ("seconds", "mb")}
@@ -48,17 +48,17 @@ def row(n: int) -> dict[str, Any]:
     return {"n": n, "triangles": runs[0]["triangles"], "file_mb": size, **medians}
 
 
-def measured(n: int, polynomials: Path, formulas: Path) -> dict[str, Any]:
+def measure_parts(n: int, polynomials: Path, formulas: Path) -> dict[str, Any]:
     """All parts once: the program in one process, then a process for each checker."""
     output, _ = process([sys.executable, "-m", "benchmarks.trust", "--program", str(n), str(polynomials)])
     certificate = json.loads(gzip.decompress(polynomials.read_bytes()))
-    formulas.write_bytes(gzip.compress(json.dumps(with_formulas(certificate)).encode()))
+    formulas.write_bytes(gzip.compress(json.dumps(replace_terms_by_formulas(certificate)).encode()))
     files = {"check": polynomials, "check_formulas": formulas}
-    checks = {name: checked(program, files[name]) for name, program in CHECKERS.items()}
+    checks = {name: run_checker(program, files[name]) for name, program in CHECKERS.items()}
     return {**json.loads(output), **checks}
 
 
-def checked(program: str, certificate: Path) -> Part:
+def run_checker(program: str, certificate: Path) -> Part:
     """Costs of a checker, from its start to its end. Raises CalledProcessError if it refuses."""
     return process([sys.executable, "-I", str(ROOT / "certificate" / program), str(certificate)])[1]
 
@@ -88,22 +88,22 @@ def program(n: int, certificate: str) -> dict[str, Any]:
     stages: dict[str, Any] = {}
     times = [time.process_time()]
 
-    def ended(stage: str) -> None:
+    def end_stage(stage: str) -> None:
         """Note the seconds since the stage before, and the peak memory so far."""
         times.append(time.process_time())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
         stages[stage] = {"seconds": times[-1] - times[-2], "mb": peak}
 
     s = ul.solve(ROOT / PROBLEM, h=1 / n, H=2 / n, mesh="structured")
-    ended("solve")
+    end_stage("solve")
     replace(s.solved).bound()  # which does not know the bound that the solve may have needed
-    ended("bound")
+    end_stage("bound")
     s.save_certificate(certificate)
-    ended("certificate")
+    end_stage("certificate")
     return {"triangles": len(s.mesh.triangles), **stages}
 
 
-def with_formulas(certificate: dict[str, Any]) -> dict[str, Any]:
+def replace_terms_by_formulas(certificate: dict[str, Any]) -> dict[str, Any]:
     """A copy of the certificate with formulas in place of its polynomials, and WAVE added to f."""
     problem = certificate["problem"]
     sides = [{kind: formula(terms) for kind, terms in side.items()} for side in problem["sides"]]

@@ -21,7 +21,7 @@ LOOK = 0.2
 MB = 2**20
 
 
-def measured(command: list[str]) -> dict[str, float]:
+def measure_command(command: list[str]) -> dict[str, float]:
     """Seconds of a command, and the MB of it and all that it started. Raises CalledProcessError."""
     start = time.perf_counter()
     peak = 0.0
@@ -55,7 +55,10 @@ def main() -> None:
     """Raises CalledProcessError where a command fails."""
     if (ROOT / ".venv").exists() or (ROOT / "results").exists():
         sys.exit("benchmarks.whole: .venv or results/ is there; run it in a fresh clone")
-    totals = {"study": {**measured(["make"]), "disk": disk(ROOT)}, "tests": measured(["make", "test"])}
+    totals = {
+        "study": {**measure_command(["make"]), "disk": disk(ROOT)},
+        "tests": measure_command(["make", "test"]),
+    }
     stored = {"date": datetime.now(UTC).date().isoformat(), "cores": os.cpu_count(), **totals}
     (ROOT / "benchmarks/whole.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
 

@@ -57,8 +57,8 @@ class Page:
 
 
 def _is_here(url: str) -> bool:
-    of = urlsplit(url)
-    return of.scheme in ("file", "data", "blob") or of.hostname == "localhost"
+    address = urlsplit(url)
+    return address.scheme in ("file", "data", "blob") or address.hostname == "localhost"
 
 
 def missing() -> str:
@@ -100,7 +100,7 @@ class Browser:
         errors = [entry["message"] for entry in self._log("browser") if entry["level"] == "SEVERE"]
         events = [json.loads(entry["message"])["message"] for entry in self._log("performance")]
         sent = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
-        return Page(self.driver.title, errors, [each["request"]["url"] for each in sent])
+        return Page(self.driver.title, errors, [item["request"]["url"] for item in sent])
 
     def _log(self, name: str) -> list[dict[str, Any]]:
         """What came in since it was last asked for."""

@@ -89,7 +89,7 @@ def sentences_of_a_test(request, tmp_path_factory):
     recorder.begin(request.node.nodeid)
     yield
     if request.node.passed and not recorder.rewriting:
-        assert recorder.unsaid() == []
+        assert recorder.list_unused_sentences() == []
 
 
 def pytest_collection():
@@ -105,10 +105,10 @@ def pytest_collection_finish():
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """What opens pages in a browser is nightly. Without the results that it judges a run ends at once."""
-    for item in items:
-        if "browser" in item.fixturenames:
-            item.add_marker("nightly")
-    if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
+    for test in items:
+        if "browser" in test.fixturenames:
+            test.add_marker("nightly")
+    if any(_needs_results(test.path.name) for test in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
 
@@ -122,7 +122,7 @@ def config(name):
 
 
 @cache
-def stored(name):
+def read_stored_table(name):
     """A table of the study's results."""
     return tables.load_table(RESULTS / f"{name}.nc")
 
@@ -136,13 +136,13 @@ def load(name, polygon="square", side=0):
 def shared_cases(monkeypatch):
     """Cases of the catalogue are loaded, enclosed and certified once, whoever asks for them."""
 
-    def shared(case, polygon, side=0):
-        of_catalogue = str(case) in cases.case_names() and polygon.name in polygon_names()
-        if of_catalogue and np.array_equal(polygon.vertices, find_polygon(polygon.name).vertices):
+    def load_shared_case(case, polygon, side=0):
+        catalogue = str(case) in cases.case_names() and polygon.name in polygon_names()
+        if catalogue and np.array_equal(polygon.vertices, find_polygon(polygon.name).vertices):
             return load(str(case), polygon.name, side)
         return load_case(case, polygon, side)
 
-    monkeypatch.setattr(cases, "load_solution", shared)
+    monkeypatch.setattr(cases, "load_solution", load_shared_case)
     monkeypatch.setattr("unilateral.cli.cases.certify_case", certificate)
 
 
@@ -158,7 +158,7 @@ def levels_solved_once(monkeypatch, own_solutions):
     def solve_once(case, level):
         mesh = level.mesh
         arrays = mesh.polygon.vertices, mesh.points, mesh.triangles, level.partition.points
-        key = case.name, case.known_solution().side, case.free_sides, *(each.tobytes() for each in arrays)
+        key = case.name, case.known_solution().side, case.free_sides, *(array.tobytes() for array in arrays)
         if key not in own_solutions:
             own_solutions[key] = solve_reference(case, level)
         return own_solutions[key]
@@ -177,20 +177,20 @@ def certificate(case):
     return certify_case(case)
 
 
-def certified(name, polygon="square", side=0):
+def load_certificate(name, polygon="square", side=0):
     return certificate(load(name, polygon, side))
 
 
 @cache
-def condensed(polygon, n):
+def condense_structured_mesh(polygon, n):
     """A structured mesh with h = 1/n, factorised."""
     return condense(make_structured_mesh(find_polygon(polygon), 1 / n))
 
 
 @cache
-def coupled(polygon, n, m):
+def couple_structured_mesh(polygon, n, m):
     return mixed_spaces(
-        condensed(polygon, n), partitions.make_uniform_partition(find_polygon(polygon), 1 / m)
+        condense_structured_mesh(polygon, n), partitions.make_uniform_partition(find_polygon(polygon), 1 / m)
     )
 
 
@@ -198,7 +198,7 @@ def coupled(polygon, n, m):
 def discrete(name, n, m, polygon="square", degree=None):
     """The case on its first side, h = 1/n, H = 1/m, and its exact solution."""
     case = load(name, polygon)
-    spaces = coupled(polygon, n, m)
+    spaces = couple_structured_mesh(polygon, n, m)
     ritz = ritz_projection(case, spaces.condensed, degree)
     return discretise_case(spaces, CaseProjections(ritz, cell_means(case, spaces.partition)))
 
@@ -224,10 +224,10 @@ def interior_point(operator, offset):
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     nb, m = operator.D_factor.shape
     rows = sp.csc_matrix(-operator.D_factor.T)
-    data = operator.H_i * offset
+    right_side = operator.H_i * offset
     quadratic = sp.identity(nb, format="csc")
     cone = [clarabel.NonnegativeConeT(m)]
-    solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
+    solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, right_side, cone, settings)
     return np.asarray(solver.solve().x)
 
 
@@ -244,12 +244,12 @@ def handlers():
 def case_like(tmp_path):
     """A case in a file of one's own: as one of the catalogue, with other fields; a field None is left out."""
 
-    def made(name, polygon=None, side=0, **changed):
+    def load_changed_case(name, polygon=None, side=0, **changed):
         return cases.load_solution(
             case_file(tmp_path, name, **changed), polygon or find_polygon("square"), side
         )
 
-    return made
+    return load_changed_case
 
 
 def case_file(folder, name, **changed):
@@ -272,9 +272,9 @@ def browser(tmp_path_factory):
 def forgotten(request):
     """What a file of tests has built for itself is not kept beside what the next ones build."""
     yield
-    for each in vars(request.module).values():
-        if hasattr(each, "cache_clear") and each.__module__.split(".")[0] not in OTHERS:
-            each.cache_clear()
+    for function in vars(request.module).values():
+        if hasattr(function, "cache_clear") and function.__module__.split(".")[0] not in OTHERS:
+            function.cache_clear()
     gc.collect()
     if hasattr(LIBC, "malloc_trim"):  # else glibc keeps what is free between what is not
         LIBC.malloc_trim(0)
@@ -291,16 +291,16 @@ def measured_once(monkeypatch, evidence):
 
     That it looks at no other tables than those that it names is a test of its own.
     """
-    own = claims.Claim.measure
+    original = claims.Claim.measure
     ledger = {id(claim) for claim in claims.load_ledger()}
 
     def measure(claim, results):
         if id(claim) not in ledger:
-            return own(claim, results)
+            return original(claim, results)
         read = [results[name] for name in claim.reads]
         key = claim.id, *map(id, read)
         if key not in evidence:
-            evidence[key] = own(claim, results), read
+            evidence[key] = original(claim, results), read
         return evidence[key][0]
 
     monkeypatch.setattr(claims.Claim, "measure", measure)
@@ -315,8 +315,10 @@ def problem_file_of(tmp_path):
 
     def written(**fields):
         file = tmp_path / "own.yaml"
-        given = {"polygon": SQUARE, **fields}
-        file.write_text("".join(f"{name}: {text}\n" for name, text in given.items() if text is not None))
+        fields_of_file = {"polygon": SQUARE, **fields}
+        file.write_text(
+            "".join(f"{name}: {text}\n" for name, text in fields_of_file.items() if text is not None)
+        )
         return str(file)
 
     return written
@@ -331,11 +333,11 @@ def problem_of(problem_file_of):
 @pytest.fixture
 def run(capsys):
     """The exit code of `unilateral` with these arguments, and what it prints on standard output and error."""
-    return lambda *arguments: (main([str(each) for each in arguments]), *capsys.readouterr())
+    return lambda *arguments: (main([str(argument) for argument in arguments]), *capsys.readouterr())
 
 
 @pytest.fixture
-def refused(run):
+def refusal(run):
     """What is on standard error when `unilateral` refuses these arguments, with code 2.
 
     It is a usage error of click, or one line.

@@ -6,7 +6,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 
 
-def in_doubt(mesh: Mesh, doubt: float) -> Mesh:
+def add_doubt(mesh: Mesh, doubt: float) -> Mesh:
     """The mesh, each of whose nodes may be displaced by `doubt`, and its sides stretched by twice that."""
     polygon = Polygon(mesh.polygon.vertices, mesh.polygon.name)
     vars(polygon)["stretch"] = polygon.stretch + 2 * doubt / polygon.lengths

@@ -35,12 +35,12 @@ def blocks(page: str) -> list[Block]:
 
 
 def blocks_in(text: str, page: str = "") -> list[Block]:
-    found = (block(text, page, each) for each in BLOCK.finditer(text))
-    return [block for block in found if not block.kind.startswith("{")]
+    blocks = (block(text, page, match) for match in BLOCK.finditer(text))
+    return [block for block in blocks if not block.kind.startswith("{")]
 
 
-def block(text: str, page: str, found: re.Match[str]) -> Block:
+def block(text: str, page: str, match: re.Match[str]) -> Block:
     """With the line of its first ticks, and without the spaces before these, as in a list."""
-    line = text.count("\n", 0, found.start("kind")) + 1
-    inside = re.sub(f"^{found['indent']}", "", found["text"], flags=re.MULTILINE)
-    return Block(page, line, found["kind"], inside, found["reason"])
+    line = text.count("\n", 0, match.start("kind")) + 1
+    inside = re.sub(f"^{match['indent']}", "", match["text"], flags=re.MULTILINE)
+    return Block(page, line, match["kind"], inside, match["reason"])

@@ -38,7 +38,7 @@ class Nested:
     """The meshes of levels 0 to L, and the hierarchy of the last one."""
 
     meshes: list[Mesh]
-    of: Hierarchy
+    hierarchy: Hierarchy
 
     @property
     def mesh(self) -> Mesh:
@@ -51,9 +51,9 @@ def multilevel(problem: Problem, mesh: Mesh, partition: Partition) -> Multilevel
     return discretise_on_nested_spaces(problem, spaces) if spaces else None
 
 
-def ritz(found: MultigridResult) -> Array:
+def ritz(result: MultigridResult) -> Array:
     """Approximate eigenvalues of the preconditioned matrix, by Lanczos' method from the last run's steps."""
-    alpha, beta = np.array(found.cg_coefficients).reshape(-1, 2).T
+    alpha, beta = np.array(result.cg_coefficients).reshape(-1, 2).T
     diagonal = 1 / alpha + np.append(0, beta / alpha)[:-1]
     beside = np.sqrt(beta[:-1]) / alpha[:-1]
     return np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, -1))
@@ -63,27 +63,27 @@ def levels_of(meshes: list[Mesh]) -> Nested:
     return Nested(meshes, build_hierarchy(meshes[-1]))
 
 
-def refined(coarse: Mesh, times: int) -> Nested:
+def refine_mesh_levels(coarse: Mesh, times: int) -> Nested:
     """From a mesh on that came from no other one, each level the uniform refinement of the one before."""
-    meshes = [alone(coarse)]
+    meshes = [forget_refinement(coarse)]
     for _ in range(times):
         meshes.append(refine_uniformly(meshes[-1]))
     return levels_of(meshes)
 
 
-def graded(coarse: Mesh, node: int, times: int) -> Nested:
+def grade_mesh_levels(coarse: Mesh, node: int, times: int) -> Nested:
     """The same, only the triangles at a node being cut in four, so often."""
-    meshes = [alone(coarse)]
+    meshes = [forget_refinement(coarse)]
     for _ in range(times):
-        at = np.flatnonzero((meshes[-1].triangles == node).any(axis=1))
-        meshes.append(refine_triangles(meshes[-1], at))
+        indices = np.flatnonzero((meshes[-1].triangles == node).any(axis=1))
+        meshes.append(refine_triangles(meshes[-1], indices))
     return levels_of(meshes)
 
 
-def at_random(coarse: Mesh, times: int, seed: int, share: float = 0.3) -> Nested:
+def refine_at_random(coarse: Mesh, times: int, seed: int, share: float = 0.3) -> Nested:
     """The same, a share of the triangles chosen at random, in an ever smaller part of the domain."""
     rng = np.random.default_rng(seed)
-    meshes = [alone(coarse)]
+    meshes = [forget_refinement(coarse)]
     place = coarse.points[rng.integers(coarse.n_nodes)]
     for k in range(times):
         mesh = meshes[-1]
@@ -93,12 +93,12 @@ def at_random(coarse: Mesh, times: int, seed: int, share: float = 0.3) -> Nested
     return levels_of(meshes)
 
 
-def alone(mesh: Mesh) -> Mesh:
+def forget_refinement(mesh: Mesh) -> Mesh:
     """The mesh as if it had not been refined."""
     return replace(mesh, coarse=None, steps=(), stored_triangulation=None)
 
 
-def assembled(mesh: Mesh) -> sp.csr_array:
+def assemble_by_elements(mesh: Mesh) -> sp.csr_array:
     """The matrix of (., .)_1, element by element."""
     stiffness, mass = stiffness_and_mass(mesh)
     return sp.csr_array(stiffness + mass)
@@ -123,11 +123,11 @@ def coarse(name: str) -> Mesh:
     if name == "one triangle":
         return from_arrays(RIGHT, RIGHT.vertices, [[0, 1, 2]])
     polygon, n = name.split()
-    return alone(make_structured_mesh(find_polygon(polygon), 1 / int(n)))
+    return forget_refinement(make_structured_mesh(find_polygon(polygon), 1 / int(n)))
 
 
 @cache
-def made(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested:
+def make_mesh_levels(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested:
     """A coarse mesh refined so often, by default as in TIMES.
 
     In the way "mixed" some triangles are cut between uniform refinements.
@@ -135,11 +135,11 @@ def made(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested
     first = coarse(name)
     times = TIMES[way] if times is None else times
     if way == "uniform":
-        return refined(first, times)
+        return refine_mesh_levels(first, times)
     if way == "at random":
-        return at_random(first, times, seed)
+        return refine_at_random(first, times, seed)
     if way == "at a node":
-        return graded(first, 0, times)
+        return grade_mesh_levels(first, 0, times)
     before = refine_uniformly(first)
     middle = refine_triangles(before, np.arange(0, len(before.triangles), 5))
     return levels_of([first, before, middle, refine_uniformly(middle)])

@@ -37,24 +37,24 @@ SEEN = 2 / 256
 """A mean difference of two of the 256 steps of a colour is not seen."""
 
 
-def shown(page: str) -> list[str]:
+def list_pictures(page: str) -> list[str]:
     return SHOWN.findall((ROOT / page).read_text(encoding="utf-8"))
 
 
 def typed_on(name: str) -> list[str]:
     """The pages whose blocks say that they write the picture, or the page of HTML that holds it."""
     written = re.compile(rf"(?<![\w.-]){Path(name).stem}\.(?:svg|html)\b")
-    run = {page: "".join(each.text for each in blocks(page) if each.reason is None) for page in PAGES}
+    run = {page: "".join(block.text for block in blocks(page) if block.reason is None) for page in PAGES}
     return [page for page, text in run.items() if written.search(text)]
 
 
-def drawn(folder: Path, name: str) -> Path:
+def read_picture(folder: Path, name: str) -> Path:
     """The picture in the folder in which a reader has followed its page."""
     picture = folder / name
     page = (folder / name).with_suffix(".html")
     if not picture.exists():
-        _start, svg, rest = page.read_text(encoding="utf-8").partition("<svg")
-        picture.write_text(svg + rest.partition("</svg>")[0] + "</svg>\n", encoding="utf-8")
+        _start, svg, remaining = page.read_text(encoding="utf-8").partition("<svg")
+        picture.write_text(svg + remaining.partition("</svg>")[0] + "</svg>\n", encoding="utf-8")
     return picture
 
 
@@ -62,8 +62,8 @@ def alike(committed: Path, now: Path) -> bool:
     """Whether two pictures have the same labels, with nearly the same numbers, and nearly the same images."""
     texts = [path.read_text(encoding="utf-8") for path in (committed, now)]
     labels = [[THOUSANDS.sub("", label) for label in LABEL.findall(text)] for text in texts]
-    words = [[NUMBER.sub("#", label) for label in each] for each in labels]
-    numbers = [np.array(NUMBER.findall(" ".join(each)), dtype=float) for each in labels]
+    words = [[NUMBER.sub("#", label) for label in item] for item in labels]
+    numbers = [np.array(NUMBER.findall(" ".join(label)), dtype=float) for label in labels]
     images = [[field(image) for image in IMAGE.findall(text)] for text in texts]
     return (
         words[0] == words[1]
@@ -76,7 +76,9 @@ def alike(committed: Path, now: Path) -> bool:
 def field(image: str) -> np.ndarray:
     """The colours at `GRID`² places of an image in an SVG; its size depends on labels."""
     pixels = imread(io.BytesIO(base64.b64decode(image)))
-    rows, columns = (np.linspace(0, n - 1, GRID).round().astype(int) for n in pixels.shape[:2])
+    height, width = pixels.shape[:2]
+    rows = np.linspace(0, height - 1, GRID).round().astype(int)
+    columns = np.linspace(0, width - 1, GRID).round().astype(int)
     return pixels[np.ix_(rows, columns)]
 
 
@@ -87,10 +89,10 @@ def draw(names: Iterable[str]) -> None:
         with TemporaryDirectory() as folder, mpl.rc_context({"svg.hashsalt": "unilateral"}):
             follow(blocks(page), Path(folder))
             for name in (name for name, maker in makers.items() if maker == page):
-                shutil.copy(drawn(Path(folder), name), FOLDER / name)
+                shutil.copy(read_picture(Path(folder), name), FOLDER / name)
                 print(f"docs/pictures/{name}, by {page}")
 
 
 if __name__ == "__main__":
     os.environ["SOURCE_DATE_EPOCH"] = "0"  # matplotlib then writes the same bytes each time
-    draw(sys.argv[1:] or sorted({name for page in PAGES for name in shown(page)}))
+    draw(sys.argv[1:] or sorted({name for page in PAGES for name in list_pictures(page)}))

@@ -67,8 +67,8 @@ def follow(page: Iterable[Block], folder: Path) -> list[Block]:
         for name in FOLDERS:
             if not Path(name).exists():
                 Path(name).symlink_to(ROOT / name)
-        for wanted, make in READERS_FILES.items():
-            if wanted in everything:
+        for reader, make in READERS_FILES.items():
+            if reader in everything:
                 with redirect_stdout(StringIO()):
                     make()
         for block in page:
@@ -114,8 +114,8 @@ def declaration(block: Block, *_: object) -> None:
 
 
 def output(block: Block, printed: str, _: object) -> None:
-    parts = [re.escape(part.strip()) for part in block.text.split("...")]
-    assert re.search(".*".join(parts), printed, re.DOTALL), f"{place(block)}: printed was\n{printed}"
+    escapes = [re.escape(word.strip()) for word in block.text.split("...")]
+    assert re.search(".*".join(escapes), printed, re.DOTALL), f"{place(block)}: printed was\n{printed}"
 
 
 def place(block: Block) -> str:

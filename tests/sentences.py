@@ -43,7 +43,7 @@ class Recorder:
         """Files and functions of which sentences are stored anew."""
 
     @cached_property
-    def stored(self) -> dict[str, dict[str, list[str]]]:
+    def sentences(self) -> dict[str, dict[str, list[str]]]:
         """The sentences of each test of each file."""
         return yaml.load(FILE.read_text(encoding="utf-8"), yaml.CSafeLoader)
 
@@ -54,8 +54,10 @@ class Recorder:
         function = function_name(self.test)
         if self.rewriting and (self.file, function) not in self.rewritten:
             self.rewritten.add((self.file, function))
-            tests = self.stored.pop(self.file, {})
-            self.stored[self.file] = {test: tests[test] for test in tests if function_name(test) != function}
+            tests = self.sentences.pop(self.file, {})
+            self.sentences[self.file] = {
+                test: tests[test] for test in tests if function_name(test) != function
+            }
 
     def check(self, text: str) -> None:
         """The next sentence of the running test is the stored one; when rewriting, it is stored."""
@@ -63,22 +65,22 @@ class Recorder:
         text = text.replace(str(PROJECT), "<project>")
         text = LONG_NUMBER.sub(lambda number: f"{float(number[0]):.4g}", text)
         if self.rewriting:
-            self.stored.setdefault(self.file, {}).setdefault(self.test, []).append(text)
+            self.sentences.setdefault(self.file, {}).setdefault(self.test, []).append(text)
             return
-        sentences = self.stored.get(self.file, {}).get(self.test, [])
+        sentences = self.sentences.get(self.file, {}).get(self.test, [])
         stored = sentences[self.count] if self.count < len(sentences) else None
         self.count += 1
         assert text == stored, f"tests/sentences.yaml has another sentence here: {stored}\nbut now: {text}"
 
-    def unsaid(self) -> list[str]:
+    def list_unused_sentences(self) -> list[str]:
         """The stored sentences that the running test, which has ended, did not come to."""
-        return self.stored.get(self.file, {}).get(self.test, [])[self.count :]
+        return self.sentences.get(self.file, {}).get(self.test, [])[self.count :]
 
-    def lost(self) -> list[tuple[str, str]]:
+    def list_orphans(self) -> list[tuple[str, str]]:
         """The files and names of stored tests that are no longer there."""
         return [
             (file, test)
-            for file, tests in self.stored.items()
+            for file, tests in self.sentences.items()
             for test in tests
             if not has_test(PROJECT / file, function_name(test))
         ]
@@ -87,10 +89,10 @@ class Recorder:
         """Sentences of tests that are no longer there are dropped."""
         files = {
             file: {test: tests[test] for test in sorted(tests)}
-            for file, tests in sorted(self.stored.items())
+            for file, tests in sorted(self.sentences.items())
             if tests
         }
-        for file, test in self.lost():
+        for file, test in self.list_orphans():
             del files[file][test]
         text = yaml.safe_dump(files, width=110, allow_unicode=True, sort_keys=False)
         FILE.write_text(text, encoding="utf-8")

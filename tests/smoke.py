@@ -51,7 +51,7 @@ PROBLEMS = {
 LINE = re.compile(r"unilateral: .* needs? .*; type: pip install 'unilateral\[([\w,]+)\]'\n")
 
 
-def typed(line):
+def run_line(line):
     """The exit code of a command, and what it prints on standard output and on standard error."""
     from unilateral.cli import main
 
@@ -65,7 +65,7 @@ def typed(line):
 def commands(has):
     """Each task is done, or refused by one sentence that names missing extras which it needs."""
     for line, needs in TASKS:
-        code, out, err = typed(line)
+        code, out, err = run_line(line)
         refused = LINE.fullmatch(err)
         if needs <= has:
             assert (code, err) == (0, ""), (line, code, err)
@@ -79,11 +79,11 @@ def helps():
     """All help is there, and the study's command, which is not there, says so."""
     from unilateral.cli.application import application
 
-    code, out, err = typed("claims 4.12")
+    code, out, err = run_line("claims 4.12")
     assert (code, out) == (2, ""), (code, out, err)
     assert "claims belongs to the study" in err, err
     for name in ["", *application.commands]:
-        code, out, err = typed(f"{name} --help")
+        code, out, err = run_line(f"{name} --help")
         assert (code, err) == (0, ""), (name, err)
         assert out, name
 
@@ -112,7 +112,7 @@ def python(has):
 
 def certificate():
     """The checkers come with the project, as files that run without it."""
-    code, out, err = typed("solve corner.yaml --h 1/8 --H 1/4 --certificate corner.json.gz")
+    code, out, err = run_line("solve corner.yaml --h 1/8 --H 1/4 --certificate corner.json.gz")
     assert (code, err) == (0, ""), err
     program, file = re.search(r"check it with +python3 (\S+) (\S+)\n", out).groups()
     line = [sys.executable, "-I", "-S", program, file]

@@ -56,7 +56,7 @@ class _Symbolic(Evaluation[sympy.Expr]):
     def function(self, primitive: Primitive) -> sympy.Expr:
         if primitive.args:
             function = pos if primitive.name == "pos" else getattr(sympy, primitive.name)
-            return function(*(self.evaluate(each) for each in primitive.args))
+            return function(*(self.evaluate(item) for item in primitive.args))
         return sympy.pi if primitive.name == "pi" else sympy.Symbol(primitive.name, real=True)
 
 
@@ -75,9 +75,9 @@ def plain(e: sympy.Expr) -> Expression:
         return variable(e.name if e.is_Symbol else "pi")
     if e is sympy.E:
         return apply_function("exp", rational_expression(1))
-    args = [plain(each) for each in e.args]
+    args = [plain(item) for item in e.args]
     if e.is_Add:
-        return sum_terms(term for each in args for term in each.terms)
+        return sum_terms(term for item in args for term in item.terms)
     if e.is_Mul:
         return reduce(mul, args)
     if e.is_Pow:
@@ -98,7 +98,7 @@ def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol
     return formula.compile_numpy([plain(e) for e in formulas], [symbol.name for symbol in symbols])
 
 
-def with_digits(e: sympy.Expr, *symbols: sympy.Symbol) -> Callable[..., Any]:
+def compile_mpmath(e: sympy.Expr, *symbols: sympy.Symbol) -> Callable[..., Any]:
     """The formula as a function of mpmath's numbers, with as many digits as mpmath works with."""
     positive_part = {"pos": lambda a, k: a**k if a > 0 else mpmath.mpf(0)}
     return sympy.lambdify(symbols, e, [positive_part, "mpmath"])

@@ -55,7 +55,7 @@ def report(
     print(json.dumps({"start": clock.start, "peak_mb": peak, "results": results}))
 
 
-def matched(points: np.ndarray, reference_points: np.ndarray) -> np.ndarray:
+def match_nodes(points: np.ndarray, reference_points: np.ndarray) -> np.ndarray:
     """Numbers (n,) of the points (n, 2) among `reference_points` (n, 2), the same nodes in another order."""
     points_order = np.lexsort(np.round(points / SAME_PLACE).T)
     reference_order = np.lexsort(np.round(reference_points / SAME_PLACE).T)

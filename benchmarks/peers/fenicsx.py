@@ -15,7 +15,7 @@ from dolfinx.mesh import create_mesh, create_unit_square
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from benchmarks.peers.driver import Clock, matched, order, report
+from benchmarks.peers.driver import Clock, match_nodes, order, report
 
 
 def options(rtol: float, atol: float) -> None:
@@ -55,7 +55,7 @@ def main() -> None:
     A.assemble()
     clock.lap("assembly")
     dofs = V.tabulate_dof_coordinates()[:, :2]
-    node_of_dof = matched(dofs, points)
+    node_of_dof = match_nodes(dofs, points)
     lower = np.full(len(points), PETSc.NINFINITY)
     lower[data["boundary"]] = data["obstacle"]
     b = A.createVecRight()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import getfem as gf
 import numpy as np
 
-from benchmarks.peers.driver import Clock, matched, order, report
+from benchmarks.peers.driver import Clock, match_nodes, order, report
 
 MOST = 100
 
@@ -43,7 +43,7 @@ def main() -> None:
     V.set_classical_fem(1)
     clock.lap("mesh")
     dofs = V.basic_dof_nodes().T
-    dof_of_node = matched(points, dofs)
+    dof_of_node = match_nodes(points, dofs)
     load = np.empty(len(points))
     load[dof_of_node] = data["load"]
     B = minus_means(dof_of_node[data["boundary"]], data["s"], edges, len(points))

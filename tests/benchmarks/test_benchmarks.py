@@ -20,7 +20,7 @@ from benchmarks import __main__ as runner
 from benchmarks import plan, problem, summary
 from benchmarks import ratios as judge
 from benchmarks import side_by_side as benchmark_tables
-from benchmarks.peers.driver import matched
+from benchmarks.peers.driver import match_nodes
 from study import tables
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import find_polygon, square
@@ -70,36 +70,37 @@ def test_the_committed_plan_compares_at_least_three_times_and_names_each_run_onc
 def test_the_cases_hold_with_as_many_contact_zones_as_they_say() -> None:
     """Contact on the other sides is one zone each, or none."""
     zones = {}
-    for name, of in plan.read(COMMITTED)["problems"].items():
+    for name, entry in plan.read(COMMITTED)["problems"].items():
         if name == "own":  # a problem file
             continue
         case = cases.load_solution(
-            ROOT / of["case"] if of["case"].endswith(".yaml") else of["case"], find_polygon(of["polygon"])
+            ROOT / entry["case"] if entry["case"].endswith(".yaml") else entry["case"],
+            find_polygon(entry["polygon"]),
         )
         zones[name] = sum(side == 0 for side, _, _ in certify_case(case).contact)
     assert (zones["natural_0437"], zones["three_zones"], zones["zones_37"]) == (1, 3, 37)
 
 
-def test_who_is_missing_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    given = small(tmp_path)
-    assert plan.missing(given, "multigrid") == ""
-    given["solvers"]["multigrid"]["imports"] = ["no_such_module"]
-    said = plan.missing(given, "multigrid")
-    assert said == (
+def test_a_missing_solver_is_named_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_plan = small(tmp_path)
+    assert plan.missing(run_plan, "multigrid") == ""
+    run_plan["solvers"]["multigrid"]["imports"] = ["no_such_module"]
+    reason = plan.missing(run_plan, "multigrid")
+    assert reason == (
         f"multigrid is skipped: {sys.executable} does not have no_such_module; install it, or let "
         "UNILATERAL_BENCH_MULTIGRID name an interpreter that has it"
     )
-    assert {run.solver for run in runner.available(given, [])} == {"linear"}
+    assert {run.solver for run in runner.available(run_plan, [])} == {"linear"}
     monkeypatch.setenv("UNILATERAL_BENCH_LINEAR", "no_such_interpreter")
-    assert runner.available(given, []) == []
+    assert runner.available(run_plan, []) == []
 
 
 @pytest.mark.parametrize("size", ["255", "many"])
 def test_a_size_that_no_run_has_is_refused(size: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert runner.main([size]) == InputError.exit_code
-    said = capsys.readouterr().err
+    err = capsys.readouterr().err
     sizes = "32, 64, 128, 256, 512, 1024, 2048, 4096"
-    assert said == f"benchmarks: there is no run of size '{size}'; sizes are {sizes}\n"
+    assert err == f"benchmarks: there is no run of size '{size}'; sizes are {sizes}\n"
 
 
 def record(cpu: float, repeat: int) -> dict[str, Any]:
@@ -107,8 +108,8 @@ def record(cpu: float, repeat: int) -> dict[str, Any]:
     phases = {"assembly": [cpu / 4, 1.0], "operator": [cpu / 2, 2.0], "solve": [cpu / 4, 3.0]}
     result = {"way": "linear", "phases": phases, "iterations": 5}
     errors = {"reference": 2.0, "errors": [2.5]} if repeat == 0 else {}
-    told = {"solver": "linear", "problem": "natural", "n": 16, "start": 1.0, "peak_mb": 100.0 + repeat}
-    return {**told, "results": [result], **errors}
+    record = {"solver": "linear", "problem": "natural", "n": 16, "start": 1.0, "peak_mb": 100.0 + repeat}
+    return {**record, "results": [result], **errors}
 
 
 def test_a_summary_has_medians_and_the_spread() -> None:
@@ -138,7 +139,7 @@ def made_up() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def test_ratios_and_growth_of_made_up_times() -> None:
+def test_ratios_and_growth_are_those_of_made_up_laws() -> None:
     runs = made_up()
     assert judge.ratios(runs, "skfem").to_dict() == {256: 5, 512: 5, 1024: 5}
     assert judge.growth(judge.along(runs, "multigrid")["cpu_seconds"]) == pytest.approx(2, abs=1e-12)
@@ -155,7 +156,7 @@ def test_a_table_has_ratios_of_this_project_alone_and_says_where_memory_was_meas
     assert rows["peak memory"].tolist() == ["1234 MB"] * 4 + ["1234 MB (at 263 169)"]
 
 
-def test_the_limits_of_a_made_up_machine() -> None:
+def test_reads_of_the_matrix_and_the_share_of_peak_are_those_by_hand() -> None:
     """A has 7 entries of 12 bytes and a start of 4 in each of 4 rows: 352 bytes, read ten times a second."""
     linear = {"way": "linear", "problem": "natural", "n": 1, "H_over_h": 0, "solve_cpu": 1.0}
     eliminated = {"way": "recursive uzawa", "problem": "natural", "n": 1, "H_over_h": 2}
@@ -166,64 +167,66 @@ def test_the_limits_of_a_made_up_machine() -> None:
 
 
 @pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def started_modules(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The modules that are started; none is run, and each says what a driver or the judge would say."""
     modules: list[str] = []
 
     def start(python: str, module: str, *arguments: object) -> str:
         modules.append(f"{module} {arguments[0]}" if module == "benchmarks.problem" else module)
-        told = record(1, 0)
+        report = record(1, 0)
         return json.dumps(
-            {name: told[name] for name in ("start", "peak_mb", "results", "reference", "errors")}
+            {name: report[name] for name in ("start", "peak_mb", "results", "reference", "errors")}
         )
 
-    monkeypatch.setattr(runner, "started", start)
+    monkeypatch.setattr(runner, "run_module", start)
     return modules
 
 
-def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path: Path, counted: list[str]) -> None:
-    given = small(tmp_path)
-    runs = plan.runs(given)
-    first = runner.Runner(given, tmp_path).all(runs)
+def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path: Path, started_modules: list[str]) -> None:
+    run_plan = small(tmp_path)
+    runs = plan.runs(run_plan)
+    first = runner.Runner(run_plan, tmp_path).all(runs)
     assert len(first) == len(runs) == 4
     # Two runs to fill caches, four that count; of each solver one is judged.
-    assert counted.count("benchmarks.ours") == 6
-    assert counted.count("benchmarks.problem judge") == 2
-    counted.clear()
-    assert runner.Runner(given, tmp_path).all(runs) == first
-    assert counted == []
+    assert started_modules.count("benchmarks.ours") == 6
+    assert started_modules.count("benchmarks.problem judge") == 2
+    started_modules.clear()
+    assert runner.Runner(run_plan, tmp_path).all(runs) == first
+    assert started_modules == []
     (tmp_path / f"{runs[-1].name}.json").unlink()
-    runner.Runner(given, tmp_path).all(runs)
-    assert counted.count("benchmarks.ours") == 1
+    runner.Runner(run_plan, tmp_path).all(runs)
+    assert started_modules.count("benchmarks.ours") == 1
 
 
-def test_a_run_with_other_settings_is_made_anew(tmp_path: Path, counted: list[str]) -> None:
-    given = small(tmp_path)
-    runner.Runner(given, tmp_path).all(plan.runs(given))
-    counted.clear()
-    runner.Runner(given, tmp_path).all(plan.runs({**given, "stop": 0.05}))
-    assert counted.count("benchmarks.ours") == 6
+def test_a_run_with_other_settings_is_made_anew(tmp_path: Path, started_modules: list[str]) -> None:
+    path = small(tmp_path)
+    runner.Runner(path, tmp_path).all(plan.runs(path))
+    started_modules.clear()
+    runner.Runner(path, tmp_path).all(plan.runs({**path, "stop": 0.05}))
+    assert started_modules.count("benchmarks.ours") == 6
 
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("data") / "natural-16.npz"
-    problem.prepare(ordered(), path)
+    problem.prepare(make_order(), path)
     return path
 
 
-def ordered(**more: Any) -> dict[str, Any]:
-    return {**plan.order_of(plan.read(COMMITTED), "natural", N), "H_over_h": 2, **more}
+def make_order(**keywords: Any) -> dict[str, Any]:
+    return {**plan.order_of(plan.read(COMMITTED), "natural", N), "H_over_h": 2, **keywords}
 
 
-def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
-    known = np.load(data)
+def test_the_judge_s_error_is_that_by_quadrature(data: Path, tmp_path: Path) -> None:
+    known_table = np.load(data)
     rng = np.random.default_rng(0)
-    mesh = problem.mesh_of(ordered())
-    v = known["w"] + 0.01 * rng.standard_normal(len(known["w"]))
-    order = rng.permutation(len(known["w"]))
-    np.savez(tmp_path / "found.npz", points=known["points"][order], u_0=v[order], u_1=known["w"][order])
-    judged = problem.judge(ordered(), data, tmp_path / "found.npz")
+    mesh = problem.mesh_of(make_order())
+    v = known_table["w"] + 0.01 * rng.standard_normal(len(known_table["w"]))
+    order = rng.permutation(len(known_table["w"]))
+    np.savez(
+        tmp_path / "found.npz", points=known_table["points"][order], u_0=v[order], u_1=known_table["w"][order]
+    )
+    judged = problem.judge(make_order(), data, tmp_path / "found.npz")
     case = cases.load_solution("natural", square())
     # The degree of the rule leaves 1e-9 of the squares.
     assert judged["errors"] == pytest.approx([h1_distance(case, mesh, v), judged["reference"]], rel=1e-8)
@@ -232,25 +235,29 @@ def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
 
 def test_nodes_of_another_mesh_are_refused() -> None:
     points = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.5]])
-    assert matched(points, points[[2, 0, 1]]).tolist() == [1, 2, 0]
+    assert match_nodes(points, points[[2, 0, 1]]).tolist() == [1, 2, 0]
     with pytest.raises(ValueError, match="not the nodes of one mesh"):
-        matched(points, points + 0.01)
+        match_nodes(points, points + 0.01)
 
 
 @pytest.mark.parametrize("solver", ["multigrid", "linear", "recursive", "sparse", "skfem"])
 def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) -> None:
     """On cells of two edges, or by nodes, within the plan's share of the discrete solution's error."""
-    given = plan.read(COMMITTED)
-    found = tmp_path / "found.npz"
-    of = given["solvers"][solver]
-    said = json.loads(runner.started(sys.executable, of["module"], data, found, ordered(**of["settings"])))
-    assert said["peak_mb"] > 10
-    errors = problem.judge(ordered(), data, found)["errors"]
+    read = plan.read(COMMITTED)
+    computed = tmp_path / "found.npz"
+    settings = read["solvers"][solver]
+    document = json.loads(
+        runner.run_module(
+            sys.executable, settings["module"], data, computed, make_order(**settings["settings"])
+        )
+    )
+    assert document["peak_mb"] > 10
+    errors = problem.judge(make_order(), data, computed)["errors"]
     reference = float(np.load(data)["error"])
-    comparable = [result.get("H_over_h") != 4 for result in said["results"]] if errors else []
+    comparable = [result.get("H_over_h") != 4 for result in document["results"]] if errors else []
     assert bool(errors) != (solver == "linear")
-    assert all(np.array(errors)[comparable] <= (1 + given["within"]) * reference)
-    assert all(seconds >= 0 for result in said["results"] for seconds, _ in result["phases"].values())
+    assert all(np.array(errors)[comparable] <= (1 + read["within"]) * reference)
+    assert all(seconds >= 0 for result in document["results"] for seconds, _ in result["phases"].values())
 
 
 def test_all_that_was_measured_reached_the_error() -> None:

@@ -16,7 +16,7 @@ from conftest import ROOT
 
 from benchmarks import commands, plan
 from benchmarks import numbers as documented
-from benchmarks.commands import Whole
+from benchmarks.commands import ProcessRunner
 from unilateral import api
 from unilateral.errors import InputError
 
@@ -28,8 +28,12 @@ MB = 100
 
 def small(**changes: Any) -> dict[str, Any]:
     """A plan of one command, typed twice."""
-    of = {"solvers": ["unilateral"], "typed": [{"solve": OWN, "sizes": [8], "repeats": 2}], "beside": []}
-    return {**PLAN, "commands": of | changes}
+    plan_data = {
+        "solvers": ["unilateral"],
+        "typed": [{"solve": OWN, "sizes": [8], "repeats": 2}],
+        "beside": [],
+    }
+    return {**PLAN, "commands": plan_data | changes}
 
 
 def test_all_take_turns_and_each_is_named_once() -> None:
@@ -52,35 +56,40 @@ def test_an_unknown_solver_is_refused(tmp_path: Path) -> None:
 
 def answer(**changes: Any) -> str:
     """What `unilateral solve --json` would print of a search of two levels."""
-    told = {"unknowns": 300, "h1_relative_bound": 0.01, "converged": True, "certified": True}
+    answer = {"unknowns": 300, "h1_relative_bound": 0.01, "converged": True, "certified": True}
     levels = [{"unknowns": 100}, {"unknowns": 300}]
-    return json.dumps({**told, "goal": {"accuracy": 0.02}, "levels": levels} | changes)
+    return json.dumps({**answer, "goal": {"accuracy": 0.02}, "levels": levels} | changes)
 
 
 @pytest.mark.parametrize("spoilt", [{"certified": False}, {"converged": False}, {"h1_relative_bound": None}])
 def test_an_answer_counts_only_if_it_is_certified(spoilt: dict[str, Any]) -> None:
     """The levels have 400 unknowns together. On given sizes there is no accuracy to certify."""
-    told = {"unknowns": 300, "relative_bound": 0.01}
-    assert commands.certified(answer()) == told | {"levels_over_last": pytest.approx(4 / 3)}
-    assert commands.certified(answer(goal=None, certified=False, levels=[])) == told | {"levels_over_last": 1}
+    report = {"unknowns": 300, "relative_bound": 0.01}
+    assert commands.read_certified_answer(answer()) == report | {"levels_over_last": pytest.approx(4 / 3)}
+    assert commands.read_certified_answer(answer(goal=None, certified=False, levels=[])) == report | {
+        "levels_over_last": 1
+    }
     with sentences.raises(InputError):
-        commands.certified(answer(**spoilt))
+        commands.read_certified_answer(answer(**spoilt))
 
 
 def test_the_bound_is_told_over_all_that_is_before_it() -> None:
     phases = {"mesh": [1.0, 9.0], "solve": [3.0, 9.0]}
-    of = {False: phases, True: phases | {"bound": [2.0, 9.0]}}
-    said = {bound: "noise\n" + json.dumps({"results": [{"phases": each}]}) for bound, each in of.items()}
-    assert commands.reported(said[True], 8) == {"unknowns": 81, "bound_over_solve": 0.5}
-    assert commands.reported(said[False], 8) == {"unknowns": 81}
+    phases_by_bound = {False: phases, True: phases | {"bound": [2.0, 9.0]}}
+    outputs = {
+        bound: "noise\n" + json.dumps({"results": [{"phases": value}]})
+        for bound, value in phases_by_bound.items()
+    }
+    assert commands.read_driver_report(outputs[True], 8) == {"unknowns": 81, "bound_over_solve": 0.5}
+    assert commands.read_driver_report(outputs[False], 8) == {"unknowns": 81}
 
 
 def test_a_process_is_measured_with_its_children_and_a_failure_is_told() -> None:
     """The child of a child holds 100 MB. What starts them counts, too, so there is no upper limit here."""
     holds = f"[sys.executable, '-c', 'x = b\"1\" * {MB} * 2**20']"
     child = f"import subprocess, sys; subprocess.run({holds}); print(7)"
-    said, took = commands.process([sys.executable, "-c", child])
-    assert said == "7\n"
+    output, took = commands.process([sys.executable, "-c", child])
+    assert output == "7\n"
     assert took["peak_mb"] > MB
     assert took["cpu_seconds"] > 0
     with sentences.raises(InputError):
@@ -88,7 +97,7 @@ def test_a_process_is_measured_with_its_children_and_a_failure_is_told() -> None
 
 
 @pytest.fixture
-def counted(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def started_commands(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """The commands that are started; none is run, and all are answered."""
     started: list[list[str]] = []
 
@@ -100,17 +109,19 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     return started
 
 
-def test_commands_that_were_stopped_go_on_where_they_were(tmp_path: Path, counted: list[list[str]]) -> None:
+def test_commands_that_were_stopped_go_on_where_they_were(
+    tmp_path: Path, started_commands: list[list[str]]
+) -> None:
     """The first one fills caches: it is run once more, and its second is not told."""
     runs = plan.commands(small())
-    first = Whole(small(), tmp_path).all(runs)
-    wanted = [sys.executable, "-m", "unilateral", "solve", OWN, "--h", "1/8", "--H", "1/4", "--json"]
-    assert counted == [wanted] * 3
+    first = ProcessRunner(small(), tmp_path).all(runs)
+    expected = [sys.executable, "-m", "unilateral", "solve", OWN, "--h", "1/8", "--H", "1/4", "--json"]
+    assert started_commands == [expected] * 3
     assert [record["cpu_seconds"] for record in first] == [2, 3]
-    assert Whole(small(), tmp_path).all(runs) == first
+    assert ProcessRunner(small(), tmp_path).all(runs) == first
     (tmp_path / f"{runs[1].name}.json").unlink()
-    Whole(small(), tmp_path).all(runs)
-    assert len(counted) == 4
+    ProcessRunner(small(), tmp_path).all(runs)
+    assert len(started_commands) == 4
 
 
 def test_a_command_that_fails_is_told_and_does_not_count(
@@ -119,36 +130,38 @@ def test_a_command_that_fails_is_told_and_does_not_count(
     """A bad option, code 2; and an accuracy that so few unknowns do not reach, code 3."""
     for typed in (["--h", "no number"], ["--accuracy", "0.01", "--max-unknowns", "500"]):
         run = plan.Run("unilateral", "own", 8, 0, {"H_over_h": 2, "typed": ["solve", OWN, *typed]})
-        assert Whole(small(), tmp_path).all([run]) == []
-    said = capfd.readouterr().err.splitlines()
-    assert said[0].startswith("benchmarks: unilateral-own-8-2-0 does not count: it ended with code 2")
-    assert any("it ended with code 3" in line for line in said)
+        assert ProcessRunner(small(), tmp_path).all([run]) == []
+    lines = capfd.readouterr().err.splitlines()
+    assert lines[0].startswith("benchmarks: unilateral-own-8-2-0 does not count: it ended with code 2")
+    assert any("it ended with code 3" in line for line in lines)
 
 
-def test_tiny_processes_beside_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_typed_bound_is_that_of_the_data_given_to_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The bound that is typed is that of the data which others are given, but for the iteration.
 
     Its processes import what they need: seconds. No caches are filled before. Control: another solution does
     not count, as where u is judged by one that is 1 farther away.
     """
-    of = {"solvers": ["bound", "skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
-    given = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[of])
-    runner = Whole(given, tmp_path)
+    run = {"solvers": ["bound", "skfem"], "problems": ["own"], "sizes": [16], "repeats": 1}
+    run_plan = small(typed=[{"solve": OWN, "sizes": [16], "repeats": 1}], beside=[run])
+    runner = ProcessRunner(run_plan, tmp_path)
     runner.paces = dict.fromkeys(("unilateral", "bound", "skfem"), 0.0)
-    runs = plan.commands(given)
+    runs = plan.commands(run_plan)
     ours, bound, skfem = commands.rows(runner.all(runs))
     assert ours["typed"] == f"unilateral solve {OWN} --h 1/16 --H 1/8"
     assert (ours["unknowns"], bound["unknowns"], skfem["unknowns"]) == (289, 289, 289)
     assert bound["bound_over_solve"] > 0
     assert 1 <= bound["over_bound"] < skfem["over_bound"] < 1.5
     path = tmp_path / "data/own-16.npz"
-    known = dict(np.load(path))
+    expected = dict(np.load(path))
     s = api.solve(ROOT / OWN, h=1 / 16, H=1 / 8)
     assert s.bounds is not None
-    assert float(known["error"]) == pytest.approx(s.bounds.u, rel=0.01)
-    assert known["obstacle"] == pytest.approx(_g(*known["points"][known["boundary"]].T), abs=1e-15)
-    np.savez(path, **{**known, "w": known["w"] + 1.0})
-    assert runner.made(runs[-1]) == {}
+    assert float(expected["error"]) == pytest.approx(s.bounds.u, rel=0.01)
+    assert expected["obstacle"] == pytest.approx(_g(*expected["points"][expected["boundary"]].T), abs=1e-15)
+    np.savez(path, **{**expected, "w": expected["w"] + 1.0})
+    assert runner.make_record(runs[-1]) == {}
     assert "does not count: its u is farther from this project's" in capsys.readouterr().err
 
 
@@ -156,9 +169,9 @@ def _g(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return x * (1 - x) / 3 - y * (1 - y) / 5
 
 
-def record(cpu: float, **more: Any) -> dict[str, Any]:
-    told = {"solver": "skfem", "problem": "own", "n": 1024, "unknowns": 1025**2, "order": {}}
-    return {**told, "cpu_seconds": cpu, "wall": 2 * cpu, "peak_mb": 100.0} | more
+def record(cpu: float, **keywords: Any) -> dict[str, Any]:
+    report = {"solver": "skfem", "problem": "own", "n": 1024, "unknowns": 1025**2, "order": {}}
+    return {**report, "cpu_seconds": cpu, "wall": 2 * cpu, "peak_mb": 100.0} | keywords
 
 
 def test_a_summary_has_medians_and_the_spread() -> None:
@@ -170,7 +183,7 @@ def test_a_summary_has_medians_and_the_spread() -> None:
     assert [row["over_ours"] for row in commands.rows([record(10), ours])] == [2.5, 1]
 
 
-def told() -> dict[str, Any]:
+def make_records() -> dict[str, Any]:
     """A command of 4 s, its bound and a peer of 10 s."""
     typed = {"solver": "unilateral", "order": {"typed": ["solve", "own.yaml"]}, "relative_bound": 0.0004561}
     bound = {"solver": "bound", "bound_over_solve": 0.75}
@@ -180,20 +193,20 @@ def told() -> dict[str, Any]:
 
 def test_the_table_shows_what_is_typed_and_then_the_others() -> None:
     """4 s over 1 050 625 unknowns are 3.8 microseconds; bounds are rounded up."""
-    table = documented.commands(told())
+    table = documented.commands(make_records())
     assert table.to_numpy().tolist() == [
         ["`unilateral solve own.yaml`", "1 050 625", "4 s", "3.8 µs", "100 MB", "0.046 %"],
         ["scikit-fem and PyAMG, active set, nodal, not nested", "1 050 625", "10 s", "9.5 µs", "100 MB", "–"],
     ]
-    assert documented.of_commands(told())["bound_over_solve"] == 0.75
+    assert documented.command_numbers(make_records())["bound_over_solve"] == 0.75
 
 
 def test_what_is_committed_is_what_the_plan_asks_for() -> None:
     """All that is typed was certified; of others there is whoever was there."""
     stored = json.loads((ROOT / "benchmarks/commands.json").read_text(encoding="utf-8"))
     rows = pd.DataFrame(stored["rows"])
-    wanted = {(run.problem, run.n) for run in plan.commands(PLAN) if run.solver == "unilateral"}
+    expected = {(run.problem, run.n) for run in plan.commands(PLAN) if run.solver == "unilateral"}
     ours = rows[rows["solver"] == "unilateral"]
-    assert set(zip(ours["problem"], ours["n"], strict=True)) == wanted
+    assert set(zip(ours["problem"], ours["n"], strict=True)) == expected
     assert (ours["relative_bound"] > 0).all()
     assert set(rows["solver"]) >= {"bound", "skfem"}

@@ -16,13 +16,13 @@ MB = 200
 def test_the_memory_is_that_of_a_command_and_its_children():
     """Two processes hold 200 MB each at one time; Python itself takes some 10."""
     child = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {HOLD.format(mb=MB)!r}]); "
-    found = whole.measured([sys.executable, "-c", child + HOLD.format(mb=MB)])
-    assert 2 * MB <= found["memory"] < 2 * MB + 100
+    measurement = whole.measure_command([sys.executable, "-c", child + HOLD.format(mb=MB)])
+    assert 2 * MB <= measurement["memory"] < 2 * MB + 100
 
 
 def test_a_command_that_fails_is_no_measurement():
     with pytest.raises(subprocess.CalledProcessError):
-        whole.measured([sys.executable, "-c", "raise SystemExit(1)"])
+        whole.measure_command([sys.executable, "-c", "raise SystemExit(1)"])
 
 
 def test_the_disk_counts_files_in_folders_too(tmp_path):
@@ -34,7 +34,7 @@ def test_the_disk_counts_files_in_folders_too(tmp_path):
 def test_each_set_that_is_measured_is_tried_and_told():
     """By `make installations`, and each by its own name."""
     assert [*installations.SETS] == [*smoke.HAS]
-    found = json.loads((whole.ROOT / "benchmarks/installations.json").read_text(encoding="utf-8"))
-    assert [*found] == ["date", *installations.SETS]
-    assert found["core"]["packages"] < min(found[name]["packages"] for name in installations.SETS[1:])
-    assert max(each["disk"] for name, each in found.items() if name != "date") == found["all"]["disk"]
+    document = json.loads((whole.ROOT / "benchmarks/installations.json").read_text(encoding="utf-8"))
+    assert [*document] == ["date", *installations.SETS]
+    assert document["core"]["packages"] < min(document[name]["packages"] for name in installations.SETS[1:])
+    assert max(value["disk"] for name, value in document.items() if name != "date") == document["all"]["disk"]

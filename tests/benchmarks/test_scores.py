@@ -18,8 +18,8 @@ LAMBDA = 0.02
 
 def test_the_committed_scores_are_those_of_the_plan():
     """A driver or a case that is added, or sizes that change, ask for `make score`."""
-    wanted = {(solver, case) for solver in PLAN["scores"]["drivers"] for case in PLAN["scores"]["cases"]}
-    assert set(zip(COMMITTED["solver"], COMMITTED["case"], strict=True)) == wanted
+    expected = {(solver, case) for solver in PLAN["scores"]["drivers"] for case in PLAN["scores"]["cases"]}
+    assert set(zip(COMMITTED["solver"], COMMITTED["case"], strict=True)) == expected
     assert (COMMITTED[["h", "H"]] == [PLAN["scores"]["h"], PLAN["scores"]["H"]]).all(axis=None)
     assert set(documented.PACKAGES) == set(PLAN["scores"]["drivers"])
     assert (COMMITTED["faults"] == 0).all()
@@ -30,12 +30,12 @@ def test_the_same_discrete_problem_has_the_same_errors():
     same = COMMITTED[COMMITTED["solver"] == "getfem"]
     np.testing.assert_allclose(same[["h1_over_own", "hm12_over_own", "l2_over_own"]], 1, rtol=0, atol=LAMBDA)
     nodal = COMMITTED[COMMITTED["solver"] != "getfem"].set_index(["case", "solver"])
-    for _, of in nodal.groupby("case"):
-        errors = of[["h1_over_own", "hm12_over_own", "l2_over_own"]]
+    for _, rows in nodal.groupby("case"):
+        errors = rows[["h1_over_own", "hm12_over_own", "l2_over_own"]]
         np.testing.assert_allclose(errors, np.broadcast_to(errors.iloc[0], errors.shape), rtol=1e-3)
 
 
-def test_a_small_run_and_a_missing_solver(monkeypatch, capsys):
+def test_a_small_run_scores_skfem_without_a_fault_and_skips_a_missing_solver(monkeypatch, capsys):
     """scikit-fem comes with this project. h = 1/4 and 1/8 have no two levels that count."""
     sizes = {"cases": ["natural"], "h": "1/8", "H": "1/4", "levels": 2}
     drivers = {name: PLAN["scores"]["drivers"][name] for name in ("skfem", "ngsolve")}

@@ -44,10 +44,10 @@ def one_node() -> Iterator[dict[str, str]]:
     """The environment in which Slurm's commands, such as sbatch, talk to the node."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="slurm")))
-        environment = _environment(folder, _configured(folder))
+        environment = _environment(folder, _write_configuration(folder))
         for name, *options in _commands(folder):
-            _started(stack, [name, *options], environment, folder / f"{name}.log")
-        _wait(lambda: _said(["sinfo", "-h", "-o", "%T"], environment) == "idle", folder)
+            _start_daemon(stack, [name, *options], environment, folder / f"{name}.log")
+        _wait(lambda: _read_output(["sinfo", "-h", "-o", "%T"], environment) == "idle", folder)
         stack.callback(_cancel, environment, folder)
         yield environment
 
@@ -75,7 +75,7 @@ def _commands(folder: Path) -> Iterator[list[str]]:
     yield ["slurmd", "-D"]
 
 
-def _configured(folder: Path) -> Path:
+def _write_configuration(folder: Path) -> Path:
     """slurm.conf, a key for munge, and the folders that slurm.conf names."""
     folder.chmod(0o755)  # munged wants its socket to be reached by all
     for name in ("state", "spool"):
@@ -84,8 +84,8 @@ def _configured(folder: Path) -> Path:
     key.touch(0o600)
     key.write_bytes(secrets.token_bytes(1024))
     with socket.socket() as first, socket.socket() as second:
-        for each in (first, second):
-            each.bind(("127.0.0.1", 0))
+        for item in (first, second):
+            item.bind(("127.0.0.1", 0))
         values = {
             "FOLDER": folder,
             "USER": getpass.getuser(),
@@ -98,7 +98,9 @@ def _configured(folder: Path) -> Path:
     return path
 
 
-def _started(stack: contextlib.ExitStack, command: list[str], environment: dict[str, str], log: Path) -> None:
+def _start_daemon(
+    stack: contextlib.ExitStack, command: list[str], environment: dict[str, str], log: Path
+) -> None:
     """A daemon that ends with the stack."""
     output = stack.enter_context(log.open("w", encoding="utf-8"))
     daemon = subprocess.Popen(command, env=environment, stdout=output, stderr=output)
@@ -109,7 +111,7 @@ def _started(stack: contextlib.ExitStack, command: list[str], environment: dict[
 def _cancel(environment: dict[str, str], folder: Path) -> None:
     """No job outlives the node."""
     subprocess.run(["scancel", "--user", getpass.getuser()], env=environment, check=False)
-    _wait(lambda: not _said(["squeue", "-h"], environment), folder)
+    _wait(lambda: not _read_output(["squeue", "-h"], environment), folder)
 
 
 def _wait(until: Callable[[], bool], folder: Path) -> None:
@@ -117,12 +119,12 @@ def _wait(until: Callable[[], bool], folder: Path) -> None:
     end = time.monotonic() + PATIENCE
     while not until():
         if time.monotonic() > end:
-            said = [f"{log.name}: {log.read_text()[-1000:]}" for log in sorted(folder.glob("*.log"))]
-            raise RuntimeError("\n".join(["Slurm does not answer.", *said]))
+            texts = [f"{log.name}: {log.read_text()[-1000:]}" for log in sorted(folder.glob("*.log"))]
+            raise RuntimeError("\n".join(["Slurm does not answer.", *texts]))
         time.sleep(0.2)
 
 
-def _said(command: list[str], environment: dict[str, str]) -> str:
+def _read_output(command: list[str], environment: dict[str, str]) -> str:
     """What a command prints; nothing if it fails."""
     return subprocess.run(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True

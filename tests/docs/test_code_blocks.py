@@ -9,24 +9,24 @@ import pictures
 import pytest
 from conftest import ROOT
 from documents import PAGES, Block, blocks, blocks_in
-from pictures import alike, drawn, shown, typed_on
+from pictures import alike, list_pictures, read_picture, typed_on
 from reader import follow
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
 
 @pytest.fixture
-def told(tmp_path):
+def follow_blocks(tmp_path):
     """Follows blocks in a reader's folder."""
     return lambda page: follow(page, tmp_path)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)])
-def test_the_blocks_of_a_page_run_and_draw_its_pictures(page, told, tmp_path):
+def test_the_blocks_of_a_page_run_and_draw_its_pictures(page, follow_blocks, tmp_path):
     """A page takes as long as all that it types, up to some ten seconds."""
-    assert told(blocks(page)) == [block for block in blocks(page) if block.reason is None]
+    assert follow_blocks(blocks(page)) == [block for block in blocks(page) if block.reason is None]
     mine = [name for name in COMMITTED if page in typed_on(name)]
-    old = [name for name in mine if not alike(pictures.FOLDER / name, drawn(tmp_path, name))]
+    old = [name for name in mine if not alike(pictures.FOLDER / name, read_picture(tmp_path, name))]
     assert old == [], "run 'make pictures'"
 
 
@@ -35,17 +35,17 @@ COMMITTED = sorted(path.name for path in pictures.FOLDER.iterdir())
 
 def test_every_picture_is_shown_and_one_page_draws_it():
     assert len(COMMITTED) > 5
-    assert sorted({name for page in PAGES for name in shown(page)}) == COMMITTED
+    assert sorted({name for page in PAGES for name in list_pictures(page)}) == COMMITTED
     assert {name: len(typed_on(name)) for name in COMMITTED} == dict.fromkeys(COMMITTED, 1)
 
 
-def test_pictures_of_other_solutions_are_not_alike(told, tmp_path):
+def test_pictures_of_other_solutions_are_not_alike(follow_blocks, tmp_path):
     """Control: a coarser mesh, and another load."""
     problem = "# own.yaml\npolygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {}\ng: 0\n"
     solved = [("first", "3 - 4*x", "1/8"), ("coarse", "3 - 4*x", "1/4"), ("other", "3 - 4.1*x", "1/8")]
     for name, f, h in solved:
         command = f"unilateral solve own.yaml --h {h} --H 1/2 -o {name}.svg"
-        told(blocks_in(f"```yaml\n{problem.format(f)}```\n\n```\n{command}\n```\n"))
+        follow_blocks(blocks_in(f"```yaml\n{problem.format(f)}```\n\n```\n{command}\n```\n"))
     pairs = [(tmp_path / "first.svg", tmp_path / f"{name}.svg") for name, *_ in solved]
     assert [alike(*pair) for pair in pairs] == [True, False, False]
 
@@ -85,21 +85,21 @@ SPOILT = {
 
 
 @pytest.mark.parametrize("page", SPOILT.values(), ids=SPOILT)
-def test_a_block_that_does_not_work_is_noticed(page, told):
+def test_a_block_that_does_not_work_is_noticed(page, follow_blocks):
     """Control; with a mark it is not run."""
     with pytest.raises((AssertionError, AttributeError, KeyError)):
-        told(blocks_in(page))
-    assert told(blocks_in("<!-- not run: it is spoilt -->\n".join(["", *page.split("\n\n")]))) == []
+        follow_blocks(blocks_in(page))
+    assert follow_blocks(blocks_in("<!-- not run: it is spoilt -->\n".join(["", *page.split("\n\n")]))) == []
 
 
-def test_a_block_in_a_list_is_run_without_its_indentation(told):
+def test_a_block_in_a_list_is_run_without_its_indentation(follow_blocks):
     page = "- Say it:\n\n  ```python\n  for c in 'ab':\n      print(c)\n  ```\n\n  ```text\n  a\n  b\n  ```\n"
-    assert [block.kind for block in told(blocks_in(page))] == ["python", "text"]
+    assert [block.kind for block in follow_blocks(blocks_in(page))] == ["python", "text"]
 
 
-def test_what_is_printed_is_compared_but_for_dots(told):
+def test_what_is_printed_is_compared_but_for_dots(follow_blocks):
     page = "```python\nprint('one')\nprint(2)\nprint('three')\n```\n\n```text\n{}\n```\n"
-    assert len(told(blocks_in(page.format("one\n...\nthree")))) == 2
+    assert len(follow_blocks(blocks_in(page.format("one\n...\nthree")))) == 2
     assert isinstance(blocks_in(page)[0], Block)
     with pytest.raises(AssertionError, match="line 7: printed was"):
-        told(blocks_in(page.format("one\nthree")))
+        follow_blocks(blocks_in(page.format("one\nthree")))

@@ -8,7 +8,7 @@ import numpy as np
 from documents import blocks
 
 
-def found(refined, f="(3 * w.x[0] - 2)"):
+def solve_page_programs(refined, f="(3 * w.x[0] - 2)"):
     """What the page's programs find on a mesh refined so often, with cells of two edges, for that f there."""
     programs = [
         block.text for block in blocks("docs/coming-from.md") if block.kind == "python" and not block.reason
@@ -24,29 +24,31 @@ def found(refined, f="(3 * w.x[0] - 2)"):
     return names
 
 
-def apart(names):
+def measure_differences(names):
     """The distance of both in H1, and that of the forces."""
     difference = names["u"] - names["s"].u
     return np.sqrt(difference @ names["A"] @ difference), abs(names["reaction"].sum() - names["force"].value)
 
 
-def test_both_agree_up_to_the_error_of_the_discretisation():
+def test_both_programs_agree_up_to_the_error_of_the_discretisation():
     """||u - u_h||_1 is O(h) for both, so their distance is; the forces' errors are at most of that order.
 
     Control: with another load they do not agree.
     """
     distances = []
     for refined in (4, 5, 6):
-        names = found(refined)
+        names = solve_page_programs(refined)
         bound = names["s"].bounds.u
         force = names["force"]
-        distance, of_forces = apart(names)
+        distance, forces = measure_differences(names)
         assert distance <= 2 * bound
         assert force.lower <= names["reaction"].sum() <= force.upper
-        assert of_forces <= force.upper - force.lower
+        assert forces <= force.upper - force.lower
         distances.append(distance)
         np.testing.assert_allclose(names["arrays"].u, names["s"].u, rtol=0, atol=1e-2 * bound)
     assert all(fine <= 0.6 * coarse for coarse, fine in pairwise(distances))
-    other = found(5, "(3 * w.x[0] - 1)")
-    assert apart(other)[0] > 2 * other["s"].bounds.u
-    assert not other["force"].lower <= other["reaction"].sum() <= other["force"].upper
+    other_solution = solve_page_programs(5, "(3 * w.x[0] - 1)")
+    assert measure_differences(other_solution)[0] > 2 * other_solution["s"].bounds.u
+    assert (
+        not other_solution["force"].lower <= other_solution["reaction"].sum() <= other_solution["force"].upper
+    )

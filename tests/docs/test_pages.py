@@ -36,8 +36,8 @@ def built(*builds):
     ]
     command = [sys.executable, "-c", BUILD, json.dumps(words)]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
-    told = [Path(f"{target}.told").read_text(encoding="utf-8") for _, _, target in builds]
-    return list(zip(map(int, run.stdout.split()), told, strict=True))
+    texts = [Path(f"{target}.told").read_text(encoding="utf-8") for _, _, target in builds]
+    return list(zip(map(int, run.stdout.split()), texts, strict=True))
 
 
 @pytest.fixture(scope="session")
@@ -60,21 +60,29 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
-        of = {name: value or "" for name, value in attributes}
+        attributes_by_name = {name: value or "" for name, value in attributes}
         self.style = tag == "style"
-        self.anchors |= {of[name] for name in ("id", "name") if name in of}
-        self.fetched += [of[name].split()[0] for name in FETCHED & {*of} if of[name]]
-        self.fetched += in_styles(of.get("style", ""))
-        if "href" in of:
-            into = self.links if tag in ("a", "area") or of.get("rel") in ("next", "prev") else self.fetched
-            into.append(of["href"])
+        self.anchors |= {attributes_by_name[name] for name in ("id", "name") if name in attributes_by_name}
+        self.fetched += [
+            attributes_by_name[name].split()[0]
+            for name in FETCHED & {*attributes_by_name}
+            if attributes_by_name[name]
+        ]
+        self.fetched += find_in_styles(attributes_by_name.get("style", ""))
+        if "href" in attributes_by_name:
+            into = (
+                self.links
+                if tag in ("a", "area") or attributes_by_name.get("rel") in ("next", "prev")
+                else self.fetched
+            )
+            into.append(attributes_by_name["href"])
 
     def handle_data(self, data):
         if self.style:
-            self.fetched += in_styles(data)
+            self.fetched += find_in_styles(data)
 
 
-def in_styles(text):
+def find_in_styles(text):
     return [first or second for first, second in IN_STYLES.findall(text)]
 
 
@@ -84,11 +92,11 @@ def faults(site):
     The paper and its supplement are pages that others make; links into them are looked at.
     """
     pages = {file: Page(file.read_text(encoding="utf-8")) for file in site.rglob("*.html")}
-    styles = {file: in_styles(file.read_text(encoding="utf-8")) for file in site.rglob("*.css")}
-    own = {file: page for file, page in pages.items() if file.name not in PAPERS}
-    fetched = [(file, url) for file, page in own.items() for url in page.fetched]
+    styles = {file: find_in_styles(file.read_text(encoding="utf-8")) for file in site.rglob("*.css")}
+    original = {file: page for file, page in pages.items() if file.name not in PAPERS}
+    fetched = [(file, url) for file, page in original.items() for url in page.fetched]
     fetched += [(file, url) for file, urls in styles.items() for url in urls]
-    links = [(file, url) for file, page in own.items() for url in page.links if not is_elsewhere(url)]
+    links = [(file, url) for file, page in original.items() for url in page.links if not is_elsewhere(url)]
     inside = [(file, url) for file, url in fetched if not (is_elsewhere(url) or url.startswith("data:"))]
     return [f"{file.name} fetches {url}" for file, url in fetched if is_elsewhere(url)] + [
         f"{file.name} leads to {url}" for file, url in links + inside if not leads(pages, file, url)
@@ -101,10 +109,10 @@ def is_elsewhere(url):
 
 def leads(pages, file, url):
     """Whether there is such a file, with such an anchor."""
-    of = urlsplit(url)
-    target = (file.parent / unquote(of.path)).resolve() if of.path else file
-    of_page = pages.get(target)
-    return target.is_file() and (not of.fragment or (of_page and unquote(of.fragment) in of_page.anchors))
+    address = urlsplit(url)
+    target = (file.parent / unquote(address.path)).resolve() if address.path else file
+    page = pages.get(target)
+    return target.is_file() and (not address.fragment or (page and unquote(address.fragment) in page.anchors))
 
 
 def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
@@ -163,16 +171,16 @@ def small_sites(tmp_path_factory):
     configured = {"own": folder / "own/docs", "spoilt": "docs", "failing": "docs"}
     builds = [(docs, folder / name, folder / name / "pages") for name, docs in configured.items()]
     return {
-        name: (folder / name / "pages/docs", *told)
-        for name, told in zip(configured, built(*builds), strict=True)
+        name: (folder / name / "pages/docs", *report)
+        for name, report in zip(configured, built(*builds), strict=True)
     }
 
 
 @pytest.fixture
 def own_pages(small_sites):
     """The folder of the small site without a fault, which is built without a warning."""
-    folder, code, told = small_sites["own"]
-    assert (code, told) == (0, "")
+    folder, code, messages = small_sites["own"]
+    assert (code, messages) == (0, "")
     return folder
 
 
@@ -262,15 +270,15 @@ def write_spoilt_pages(folder):
         (folder / f"docs/spoilt_{k}.md").write_text(f"---\norphan: true\n---\n# Spoilt\n\n{text}\n")
 
 
-@pytest.mark.parametrize("told", [told for _, told in BROKEN])
-def test_a_page_with_a_fault_is_not_built(small_sites, told):
+@pytest.mark.parametrize("messages", [messages for _, messages in BROKEN])
+def test_a_page_with_a_fault_is_not_built(small_sites, messages):
     """Control: a link, an anchor, a name that is not there, and a type without a description.
 
     With -W any one of these warnings refuses the pages.
     """
     _, code, warnings = small_sites["spoilt"]
     assert code != 0
-    assert re.search(told, warnings)
+    assert re.search(messages, warnings)
 
 
 NOTEBOOKS = sorted(file.stem for file in (ROOT / "docs/notebooks").glob("*.md"))
@@ -290,22 +298,22 @@ def test_a_notebook_that_fails_refuses_the_pages(small_sites):
     assert small_sites["failing"][1] != 0
 
 
-def documented():
+def list_documented_names():
     """The names that users are told of: the public ones, and a solution's attributes."""
-    of = ul.Solution
-    members = [name for name, each in vars(of).items() if name[0] != "_" and inspect.getdoc(each)]
+    Solution = ul.Solution
+    members = [name for name, member in vars(Solution).items() if name[0] != "_" and inspect.getdoc(member)]
     page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     table = page.partition("It has these attributes")[2].partition("\n\n`s.save`")[0]
-    told = re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)))
-    assert len(told) > 12
+    matches = re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)))
+    assert len(matches) > 12
     return {f"unilateral.{name}" for name in ul.__all__} | {
-        f"unilateral.Solution.{name}" for name in [*members, *told]
+        f"unilateral.Solution.{name}" for name in [*members, *matches]
     }
 
 
 def test_all_documented_names_are_on_the_page_of_the_library(site):
     page = Page((site / "docs/api.html").read_text(encoding="utf-8"))
-    assert documented() - page.anchors == set()
+    assert list_documented_names() - page.anchors == set()
 
 
 def test_all_variables_of_tables_are_on_their_page(site):
@@ -322,12 +330,12 @@ def test_pages_are_quiet_in_a_browser(browser, site):
         assert (page.errors, page.elsewhere, browser.overflow()) == ([], [], 0), file.name
 
 
-@pytest.mark.parametrize(("word", "found"), [("multiplier", "The method"), ("xylophone", "did not match")])
-def test_the_search_finds_words(browser, site, word, found):
+@pytest.mark.parametrize(("word", "expected"), [("multiplier", "The method"), ("xylophone", "did not match")])
+def test_the_search_finds_words(browser, site, word, expected):
     """Without a server, too; control: a word that is nowhere."""
     page = browser.open(site / "search.html", query=f"?q={word}")
     assert (page.errors, page.elsewhere) == ([], [])
-    assert browser.shows("#search-results", found)
+    assert browser.shows("#search-results", expected)
 
 
 def laid_out(browser):

@@ -54,9 +54,9 @@ def find_link_faults(text, folder=PAGE.parent):
 
 def split_steps(text):
     """The text of each numbered step by its number."""
-    parts = STEP.split(text)
-    numbered = zip(parts[1::2], parts[2::2], strict=True)
-    return {int(number): part.partition("\n## ")[0] for number, part in numbered}
+    words = STEP.split(text)
+    numbered = zip(words[1::2], words[2::2], strict=True)
+    return {int(number): component.partition("\n## ")[0] for number, component in numbered}
 
 
 def find_step_faults(text):

@@ -27,7 +27,7 @@ def words(text):
     return [word for word in read.split() if re.search(r"\w", word)]
 
 
-def test_it_is_short():
+def test_the_readme_is_short():
     assert len(words(README)) <= MOST
 
 
@@ -38,19 +38,23 @@ def test_words_are_those_that_a_reader_sees():
 
 
 def test_the_first_problem_is_the_one_that_is_quoted():
-    (quoted,) = (block.text for block in blocks("README.md") if block.kind == "yaml")
+    (quoted,) = [block.text for block in blocks("README.md") if block.kind == "yaml"]
     assert quoted == (ROOT / "examples/arch.yaml").read_text(encoding="utf-8")
 
 
 def test_the_first_command_prints_what_is_quoted(run):
     """The same words, and numbers nearly the same."""
-    (quoted,) = (block.text for block in blocks("README.md") if block.kind == "text")
+    (quoted,) = [block.text for block in blocks("README.md") if block.kind == "text"]
     assert f"```\n{FIRST}\n```" in README
     code, printed, _ = run(*FIRST.replace("examples", str(ROOT / "examples")).split()[1:])
     assert code == 0
     for line in (line for line in quoted.splitlines() if line != "..."):
-        (same,) = [each for each in printed.splitlines() if NUMBER.sub("#", each) == NUMBER.sub("#", line)]
-        numbers = [[float(number) for number in NUMBER.findall(each)] for each in (line, same)]
+        (same,) = [
+            text_line
+            for text_line in printed.splitlines()
+            if NUMBER.sub("#", text_line) == NUMBER.sub("#", line)
+        ]
+        numbers = [[float(number) for number in NUMBER.findall(text_line)] for text_line in (line, same)]
         assert numbers[0] == pytest.approx(numbers[1], rel=PRINTED)
 
 
@@ -92,7 +96,7 @@ def test_the_first_snippets_pass_a_type_checker(tmp_path):
     (tmp_path / "wrong.py").write_text(snippets[0].replace("s.bounds", "s.bounds.u"))
     checked = [sys.executable, "-m", "mypy", *map(str, [*files, tmp_path / "wrong.py"])]
     source = os.environ | {"MYPYPATH": str(ROOT / "src")}
-    found = subprocess.run(checked, cwd=ROOT, env=source, capture_output=True, text=True).stdout.splitlines()
-    errors = [line for line in found if ": error: " in line]
+    lines = subprocess.run(checked, cwd=ROOT, env=source, capture_output=True, text=True).stdout.splitlines()
+    errors = [line for line in lines if ": error: " in line]
     assert len(errors) == 1
     assert 'wrong.py:5: error: Item "None" of "Bounds | None" has no attribute "u"' in errors[0]

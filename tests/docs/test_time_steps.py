@@ -77,13 +77,13 @@ def test_the_bound_on_all_steps_holds(page):
     fine = follow(32)
     mesh = fine["solver"].mesh
 
-    def apart(coarse):
+    def measure_difference(coarse):
         difference = coarse["step"].u_at(mesh.points) - fine["u"]
         return np.sqrt(difference @ (stiffness_and_mass(mesh)[1] @ difference))
 
-    assert apart(page) <= page["drift"] + fine["drift"]
-    other = follow(8, factor=-2)
-    assert apart(other) > other["drift"] + fine["drift"]
+    assert measure_difference(page) <= page["drift"] + fine["drift"]
+    second = follow(8, factor=-2)
+    assert measure_difference(second) > second["drift"] + fine["drift"]
 
 
 def test_a_flux_in_equilibrium_is_no_good_bound_on_a_short_step(page, monkeypatch):

@@ -43,7 +43,7 @@ class Outcome(NamedTuple):
     """The test that failed, or why none is known to have failed, and the seconds that it took."""
 
     killed: bool
-    said: str
+    message: str
     seconds: float
 
 
@@ -58,21 +58,21 @@ def stale(mutants: list[Mutant], root: Path) -> list[str]:
     def text(path: str) -> str:
         return (root / path).read_text(encoding="utf-8") if (root / path).exists() else ""
 
-    found = []
+    failures = []
     for mutant in mutants:
         count = text(mutant.file).count(mutant.text)
         if count != 1:
-            found.append(f"{mutant.name}: its text occurs {count} times in {mutant.file}, not once")
+            failures.append(f"{mutant.name}: its text occurs {count} times in {mutant.file}, not once")
         for test in mutant.tests:
             path, _, function = test.partition("[")[0].partition("::")
             if (f"def {function}(" if function else "def test_") not in text(path):
-                found.append(f"{mutant.name}: there is no test {test}")
+                failures.append(f"{mutant.name}: there is no test {test}")
     names = [mutant.name for mutant in mutants]
-    return found + [f"{name}: two mutants have this name" for name in set(names) if names.count(name) > 1]
+    return failures + [f"{name}: two mutants have this name" for name in set(names) if names.count(name) > 1]
 
 
 @contextmanager
-def copied(root: Path, mutant: Mutant | None) -> Iterator[Path]:
+def copy_with_mutant(root: Path, mutant: Mutant | None) -> Iterator[Path]:
     """A copy of src with the mutant in it, for as long as it is needed."""
     with TemporaryDirectory(prefix="mutants-") as folder:
         src = shutil.copytree(root / "src", Path(folder) / "src")
@@ -86,11 +86,11 @@ def copied(root: Path, mutant: Mutant | None) -> Iterator[Path]:
         yield src
 
 
-def tried(tests: list[str], root: Path, mutant: Mutant | None = None) -> Outcome:
+def try_mutant(tests: list[str], root: Path, mutant: Mutant | None = None) -> Outcome:
     """What the tests say of the mutant; without one they may take as long as they need."""
     options = ["-x", "-q", "-rf", "-p", "no:cacheprovider"]
     start = time.perf_counter()
-    with copied(root, mutant) as src:
+    with copy_with_mutant(root, mutant) as src:
         path = os.pathsep.join(filter(None, (str(src), os.environ.get("PYTHONPATH"))))
         try:
             done = subprocess.run(
@@ -112,24 +112,26 @@ def tried(tests: list[str], root: Path, mutant: Mutant | None = None) -> Outcome
     return Outcome(False, f"the tests do not run: {(done.stdout + done.stderr).strip()[-500:]}", seconds)
 
 
-def all_killed(mutants: list[Mutant], jobs: int, root: Path) -> bool:
+def kill_all(mutants: list[Mutant], jobs: int, root: Path) -> bool:
     """Whether all mutants are killed, each told when it has been tried, by tests that pass without any."""
     tests = sorted({test for mutant in mutants for test in mutant.tests})
     pool = ThreadPoolExecutor(jobs)
     try:
         shares = filter(None, (tests[k::jobs] for k in range(jobs)))
-        for control in pool.map(lambda share: tried(share, root), shares):
-            if control.said != "no test failed":
-                print(f"without a mutant: {control.said}")
+        for control in pool.map(lambda share: try_mutant(share, root), shares):
+            if control.message != "no test failed":
+                print(f"without a mutant: {control.message}")
                 return False
         print(f"without a mutant {len(tests)} tests pass", flush=True)
         survivors = []
-        outcomes = pool.map(lambda mutant: tried(mutant.tests, root, mutant), mutants)
+        outcomes = pool.map(lambda mutant: try_mutant(mutant.tests, root, mutant), mutants)
         for k, (mutant, outcome) in enumerate(zip(mutants, outcomes, strict=True)):
-            told = (
-                f"killed by {outcome.said}" if outcome.killed else f"SURVIVED, {outcome.said}: {mutant.why}"
+            text = (
+                f"killed by {outcome.message}"
+                if outcome.killed
+                else f"SURVIVED, {outcome.message}: {mutant.why}"
             )
-            print(f"{k + 1:3} of {len(mutants)} {outcome.seconds:5.1f} s  {mutant.name}: {told}", flush=True)
+            print(f"{k + 1:3} of {len(mutants)} {outcome.seconds:5.1f} s  {mutant.name}: {text}", flush=True)
             survivors += [] if outcome.killed else [mutant.name]
     finally:
         pool.shutdown(cancel_futures=True)
@@ -142,15 +144,15 @@ def main(arguments: list[str], catalogue: Path = CATALOGUE, root: Path = ROOT) -
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     parser.add_argument("only", nargs="*", help="names of mutants; all of them if there are none")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time")
-    given = parser.parse_args(arguments)
+    args = parser.parse_args(arguments)
     mutants = read(catalogue)
-    if unknown := {*given.only} - {mutant.name for mutant in mutants}:
+    if unknown := {*args.only} - {mutant.name for mutant in mutants}:
         parser.error(f"there is no mutant {', '.join(sorted(unknown))} in {catalogue.name}")
-    mutants = [mutant for mutant in mutants if not given.only or mutant.name in given.only]
+    mutants = [mutant for mutant in mutants if not args.only or mutant.name in args.only]
     faults = stale(mutants, root)
     for fault in faults:
         print(fault)
-    return int(bool(faults) or not all_killed(mutants, given.jobs, root))
+    return int(bool(faults) or not kill_all(mutants, args.jobs, root))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ MUTANT = {
 
 
 @pytest.fixture
-def tried(tmp_path, capsys, monkeypatch):
+def try_mutants(tmp_path, capsys, monkeypatch):
     """The exit code and what is said, for such mutants and a test with that comparison."""
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # pytest starts in less than half of the time
     (tmp_path / "src").mkdir()
@@ -44,31 +44,31 @@ def test_the_catalogue_fits_the_project():
     assert stale(read(CATALOGUE), ROOT) == []
 
 
-def test_a_mutant_that_no_test_sees_is_told(tried):
+def test_a_mutant_that_no_test_sees_is_told(try_mutants):
     """Twice as large a bound is seen by no test; the one that is too small is."""
-    code, said = tried({}, {"name": "twice", "instead": "return 4 * abs"})
+    code, output = try_mutants({}, {"name": "twice", "instead": "return 4 * abs"})
     assert code == 1
-    assert "half: killed by test_small.py::test_bound" in said
-    assert "twice: SURVIVED, no test failed: The sum has two terms." in said
-    assert said.endswith("survivors: twice\n")
+    assert "half: killed by test_small.py::test_bound" in output
+    assert "twice: SURVIVED, no test failed: The sum has two terms." in output
+    assert output.endswith("survivors: twice\n")
 
 
-def test_all_that_are_asked_for_are_killed(tried):
-    code, said = tried({}, {"name": "twice", "instead": "return 4 * abs"}, only=["half"])
+def test_all_that_are_asked_for_are_killed(try_mutants):
+    code, output = try_mutants({}, {"name": "twice", "instead": "return 4 * abs"}, only=["half"])
     assert code == 0
-    assert said.endswith("all 1 mutants were killed\n")
+    assert output.endswith("all 1 mutants were killed\n")
 
 
-def test_tests_have_to_pass_without_a_mutant(tried):
-    code, said = tried({}, comparison=">")
+def test_tests_have_to_pass_without_a_mutant(try_mutants):
+    code, output = try_mutants({}, comparison=">")
     assert code == 1
-    assert said == "without a mutant: test_small.py::test_bound\n"
+    assert output == "without a mutant: test_small.py::test_bound\n"
 
 
-def test_a_mutant_that_is_no_python_is_not_killed(tried):
-    code, said = tried({"instead": "return return"})
+def test_a_mutant_that_is_no_python_is_not_killed(try_mutants):
+    code, output = try_mutants({"instead": "return return"})
     assert code == 1
-    assert "half: SURVIVED, the tests do not run" in said
+    assert "half: SURVIVED, the tests do not run" in output
 
 
 @pytest.mark.parametrize(
@@ -81,12 +81,12 @@ def test_a_mutant_that_is_no_python_is_not_killed(tried):
         ({"file": "src/large.py"}, "half: its text occurs 0 times in src/large.py, not once"),
     ],
 )
-def test_what_no_longer_fits_is_refused(tried, changed, fault):
+def test_what_no_longer_fits_is_refused(try_mutants, changed, fault):
     """Before any test is run."""
-    assert tried(changed) == (1, f"{fault}\n")
+    assert try_mutants(changed) == (1, f"{fault}\n")
 
 
-def test_an_unknown_name_is_refused(tried):
+def test_an_unknown_name_is_refused(try_mutants):
     with pytest.raises(SystemExit) as ended:
-        tried({}, only=["third"])
+        try_mutants({}, only=["third"])
     assert ended.value.code == 2

@@ -31,10 +31,10 @@ def fault(study):
 
 def parent(study, place):
     """The mapping or list that has that place in it."""
-    return reduce(lambda part, key: part[key], place[:-1], study)
+    return reduce(lambda branch, key: branch[key], place[:-1], study)
 
 
-def changed(path, value):
+def change_study(path, value):
     """The study with another value at a path."""
     study = copy.deepcopy(STUDY)
     place = path.split(".", 1 + path.count(".") * (".." not in path)) if isinstance(path, str) else [path]

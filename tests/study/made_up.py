@@ -41,22 +41,24 @@ DIM = {name: dims.split() for dims, names in DIMS.items() for name in names.spli
 
 def table(**variables):
     """One table by whatever name a check asks for; of other dimensions than in DIM values are a pair."""
-    of = {
-        name: each if isinstance(each, tuple) else (DIM.get(name, [name] if np.ndim(each) else []), each)
-        for name, each in variables.items()
+    fields = {
+        name: variable
+        if isinstance(variable, tuple)
+        else (DIM.get(name, [name] if np.ndim(variable) else []), variable)
+        for name, variable in variables.items()
     }
-    made = xr.Dataset(of).set_coords({"h", "H", "h_over_H"} & of.keys())
-    return defaultdict(lambda: made)
+    coords = xr.Dataset(fields).set_coords({"h", "H", "h_over_H"} & fields.keys())
+    return defaultdict(lambda: coords)
 
 
-def observes(check, given, expected):
+def observes(check, data, expected):
     """Assert what a check, or a claim's, observes: a number and perhaps whether it holds; or the reason."""
     measure = claims.find_claim(check).measure if isinstance(check, str) else check
     if isinstance(expected, str):
         with pytest.raises(Unjudged, match=expected):
-            measure(given)
+            measure(data)
         return
     number, *holds = expected if isinstance(expected, tuple) else (expected,)
-    made = measure(given)
-    assert made.observed == pytest.approx(number, abs=2e-14)
-    assert holds in ([], [made.holds])
+    evidence = measure(data)
+    assert evidence.observed == pytest.approx(number, abs=2e-14)
+    assert holds in ([], [evidence.holds])

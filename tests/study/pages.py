@@ -56,38 +56,38 @@ def module_of(figure):
     return modules()["rates" if figure.startswith("rates_") else names.get(figure, figure)]
 
 
-def committed(figure):
+def read_committed_table(figure):
     return pd.read_csv(ROOT / f"figures/{NAMES.get(figure, figure)}.csv")
 
 
 def table(figure):
     """Its table, each of the numbers times a factor of its own: none follows from others."""
-    found = committed(figure)
-    for k, name in enumerate(NUMBERS.get(figure, found.select_dtypes("float")), start=1):
-        found[name] *= 1 + 0.1 * k
-    return found
+    computed = read_committed_table(figure)
+    for k, name in enumerate(NUMBERS.get(figure, computed.select_dtypes("float")), start=1):
+        computed[name] *= 1 + 0.1 * k
+    return computed
 
 
 @contextmanager
-def recorded():
+def record_figures():
     """The figures as they are written."""
-    found = []
+    figures = []
     savefig = Figure.savefig
 
     def recording(figure, *arguments, **options):
         savefig(figure, *arguments, **options)
-        found.append(figure)
+        figures.append(figure)
 
     Figure.savefig = recording
     try:
-        yield found
+        yield figures
     finally:
         Figure.savefig = savefig
 
 
-def drawn(figure, table):
+def draw_page(figure, table):
     """The page drawn from that table, and its SVG."""
-    with TemporaryDirectory() as folder, recorded() as pages:
+    with TemporaryDirectory() as folder, record_figures() as pages:
         path = Path(folder) / "table.csv"
         target = Path(folder) / "figure.svg"
         table.to_csv(path, index=False)
@@ -98,32 +98,32 @@ def drawn(figure, table):
 @cache
 def page(figure):
     """What is drawn from `table`."""
-    return drawn(figure, table(figure))
+    return draw_page(figure, table(figure))
 
 
 def faults(page):
     """What is wrong with a page: text that is smaller than in a paper, what is beyond it, its width."""
     (width, height) = page.get_size_inches()
     box = page.get_tightbbox()
-    seen = [text for text in page.findobj(Text) if text.get_visible() and text.get_text()]
-    found = [f"small: {text.get_text()}" for text in seen if float(text.get_fontsize()) < 8]
+    texts = [text for text in page.findobj(Text) if text.get_visible() and text.get_text()]
+    sentences = [f"small: {text.get_text()}" for text in texts if float(text.get_fontsize()) < 8]
     if min(box.x0, box.y0) < 0 or box.x1 > width or box.y1 > height:
-        found.append(f"beyond the page: {box}")
+        sentences.append(f"beyond the page: {box}")
     if abs(width - 17 / 2.54) > 1e-6:
-        found.append(f"width: {width}")
-    return found
+        sentences.append(f"width: {width}")
+    return sentences
 
 
-def said(page):
+def list_texts(page):
     """What is written in a figure."""
     return [text.get_text() for text in page.findobj(Text) if text.get_visible() and text.get_text()]
 
 
 def lines(axes, markers=None):
     """The lines in the axes' data, point by point; with or without markers, or all."""
-    found = [line for line in axes.lines if line.get_transform() == axes.transData]
-    kept = [line for line in found if markers in (None, line.get_marker() not in ("None", ""))]
-    return [[tuple(p) for p in np.asarray(line.get_xydata()).round(9).tolist()] for line in kept]
+    lines = [line for line in axes.lines if line.get_transform() == axes.transData]
+    kept_lines = [line for line in lines if markers in (None, line.get_marker() not in ("None", ""))]
+    return [[tuple(p) for p in np.asarray(line.get_xydata()).round(9).tolist()] for line in kept_lines]
 
 
 def points(axes):
@@ -146,10 +146,10 @@ def study_errors():
     H = np.array([1.0, *LEVELS])[None]
     run = ("case", "mesh", "partition")
     value = np.where((2 * h == H) | (h == H), 10 * h + H, np.nan)[None]
-    of_lambda = np.where(h == H, np.nan, value)
+    lambda_curve = np.where(h == H, np.nan, value)
     algorithm = np.where(h == H, "active_set", np.where(2 * h == H, "uzawa", "")).astype(object)[None]
-    values = {"h1_error": value, "l2_error": of_lambda, "algorithm": algorithm}
-    values |= {"hm12_error_lower": 0.8 * of_lambda, "hm12_error_upper": np.sqrt(2 - 0.8**2) * of_lambda}
+    values = {"h1_error": value, "l2_error": lambda_curve, "algorithm": algorithm}
+    values |= {"hm12_error_lower": 0.8 * lambda_curve, "hm12_error_upper": np.sqrt(2 - 0.8**2) * lambda_curve}
     sizes = {"h": ("mesh", LEVELS), "H": ("partition", H[0]), "h_over_H": (("mesh", "partition"), h / H)}
     coords = {"case": ["made_up"], **sizes}
-    return xr.Dataset({name: (run, each) for name, each in values.items()}, coords, {"scene": "scene"})
+    return xr.Dataset({name: (run, value) for name, value in values.items()}, coords, {"scene": "scene"})

@@ -19,10 +19,10 @@ def main(targets):
     with SnakemakeApi(OutputSettings(quiet={Quietness.ALL}, dryrun=True)) as api:
         workflow = api.workflow(resource_settings=ResourceSettings(cores=1), snakefile=Path("Snakefile"))
         workflow.dag(DAGSettings(targets=set(targets))).execute_workflow(executor="dryrun")
-        print(json.dumps([described(job) for job in workflow._workflow.dag.jobs]))
+        print(json.dumps([describe_job(job) for job in workflow._workflow.dag.jobs]))
 
 
-def described(job):
+def describe_job(job):
     named = {name: files if isinstance(files, str) else list(files) for name, files in job.input.items()}
     params = dict(job.params.items())
     return {

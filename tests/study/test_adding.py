@@ -18,9 +18,9 @@ from conftest import copy_project
 from documents import blocks
 
 CASE = next(block.text for block in blocks("manufactured/README.md") if block.kind == "yaml")
-POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, SCRIPT, *OTHERS = (
+POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, SCRIPT, *OTHERS = [
     block.text for block in blocks("docs/adding.md")
-)
+]
 DRAWING, DRAWING_RULE, DRAWING_SCRIPT, FIGURE, CLAIM, AXIS = OTHERS
 COUNTED = """claims:
 - id: "V.h"
@@ -93,9 +93,9 @@ def run(folder: Path, *arguments: str) -> str:
     """What a program says that uses the library in that folder."""
     command = [sys.executable, *arguments]
     environment = {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}"}
-    found = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
-    assert found.returncode == 0, found.stderr
-    return found.stdout + found.stderr
+    process = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
+    assert process.returncode == 0, process.stderr
+    return process.stdout + process.stderr
 
 
 def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> None:
@@ -106,8 +106,8 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
         file.parent.mkdir(exist_ok=True)
         old = file.read_text(encoding="utf-8") if file.exists() else ""
         assert old.count(marker) == 1 or not marker, name
-        at = old.index(marker) + len(marker) if marker else len(old)
-        file.write_text(old[:at] + text + old[at:], encoding="utf-8")
+        index = old.index(marker) + len(marker) if marker else len(old)
+        file.write_text(old[:index] + text + old[index:], encoding="utf-8")
     targets = ["results/myscene/rates.nc", "results/mysurvey/infsup.nc", "figures/counts.svg"]
     table = run(project, "-m", "snakemake", "-n", "-c1", *targets).partition("Job stats:")[2]
     jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "draw_counts"], 1) | {
@@ -115,6 +115,6 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
     }
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     (project / "counts").mkdir()
-    said = ["0.0", "('square/infsup',)", "study.experiments.extremes.data_axes"]
-    said += ["h,unknowns 0.125,81 0.0625,289", "1"]
-    assert run(project, "-c", USED).splitlines() == said
+    texts = ["0.0", "('square/infsup',)", "study.experiments.extremes.data_axes"]
+    texts += ["h,unknowns 0.125,81 0.0625,289", "1"]
+    assert run(project, "-c", USED).splitlines() == texts

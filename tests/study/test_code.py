@@ -33,7 +33,7 @@ def digest_of_change(project, monkeypatch):
         try:
             with monkeypatch.context() as changed:
                 changed.setattr(
-                    code, "_digest_source", lambda each: (read.__wrapped__ if each == file else read)(each)
+                    code, "_digest_source", lambda item: (read.__wrapped__ if item == file else read)(item)
                 )
                 return code.digest_program(CELLS)
         finally:
@@ -104,17 +104,21 @@ def test_the_files_of_a_script_are_those_of_the_modules_that_it_imports(monkeypa
     job = "workflow/scripts/job.py"
     lines = [line.strip() for file in (program, job) for line in Path(file).read_text().splitlines()]
     ours = ("from benchmarks", "from study.", "from unilateral")
-    own = {line.split()[1] for line in lines if line.startswith(ours)} | {"study.tables"}
-    modules = own | {module for each in own for module in graph().find_upstream_modules(each)}
-    modules |= {".".join(each.split(".")[:k]) for each in modules for k in range(1, each.count(".") + 1)}
-    found = {file for file in code.used_files(program) if file.suffix == ".py"}
-    assert found == {Path(program), Path(job), *map(file_of, modules)}
+    original = {line.split()[1] for line in lines if line.startswith(ours)} | {"study.tables"}
+    modules = original | {
+        module for module_name in original for module in graph().find_upstream_modules(module_name)
+    }
+    modules |= {
+        ".".join(module.split(".")[:k]) for module in modules for k in range(1, module.count(".") + 1)
+    }
+    used_files = {file for file in code.used_files(program) if file.suffix == ".py"}
+    assert used_files == {Path(program), Path(job), *map(file_of, modules)}
 
 
 def test_the_data_of_the_ledger_are_those_that_its_modules_name(monkeypatch):
     monkeypatch.chdir(ROOT)
-    found = {file.name for file in code.used_files("workflow/scripts/claims.py") if file.suffix == ".yaml"}
-    assert {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"} <= found
+    names = {file.name for file in code.used_files("workflow/scripts/claims.py") if file.suffix == ".yaml"}
+    assert {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"} <= names
 
 
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(monkeypatch):
@@ -125,23 +129,23 @@ def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(monkeypatch
             assert sum(file.stem.endswith("figure") for file in files) == 1
 
 
-def unseen(source):
+def find_undigested_lines(source):
     """The lines of a module on which it uses code, or a text for readers, in a way that no digest sees."""
-    found = []
+    lines = []
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Import(names=names) if any(alias.name == "unilateral" for alias in names):
-                found.append(node.lineno)  # whose names are imported when they are asked for
+                lines.append(node.lineno)  # whose names are imported when they are asked for
             case ast.ImportFrom(module="unilateral", names=names):
                 modules = {file.stem for file in (ROOT / "src/unilateral").iterdir()} | {"__version__"}
-                found += [node.lineno for alias in names if alias.name not in modules]
+                lines += [node.lineno for alias in names if alias.name not in modules]
             case ast.ImportFrom(level=level) if level:
-                found.append(node.lineno)
+                lines.append(node.lineno)
             case ast.Name(id="import_module" | "__import__" | "__doc__" | "getdoc"):
-                found.append(node.lineno)
+                lines.append(node.lineno)
             case ast.Attribute(attr="import_module" | "__doc__" | "getdoc"):
-                found.append(node.lineno)
-    return found
+                lines.append(node.lineno)
+    return lines
 
 
 def test_scripts_use_nothing_that_their_digests_do_not_see(monkeypatch):
@@ -150,7 +154,11 @@ def test_scripts_use_nothing_that_their_digests_do_not_see(monkeypatch):
     files = {file for program in programs for file in code.used_files(program) if file.suffix == ".py"}
     files.remove(Path("src/unilateral/__init__.py"))  # whose public names are for users
     assert len(files) > 200
-    assert {str(file): lines for file in files if (lines := unseen(file.read_text(encoding="utf-8")))} == {}
+    assert {
+        str(file): lines
+        for file in files
+        if (lines := find_undigested_lines(file.read_text(encoding="utf-8")))
+    } == {}
 
 
 @pytest.mark.parametrize(
@@ -166,8 +174,8 @@ def test_scripts_use_nothing_that_their_digests_do_not_see(monkeypatch):
 )
 def test_what_digests_do_not_see_is_noticed(line):
     """Control."""
-    assert unseen(f"x = 1\n{line}") == [2]
+    assert find_undigested_lines(f"x = 1\n{line}") == [2]
 
 
 def test_imports_of_modules_are_seen():
-    assert unseen("from unilateral import __version__, errors\nfrom study import tables") == []
+    assert find_undigested_lines("from unilateral import __version__, errors\nfrom study import tables") == []

@@ -31,7 +31,7 @@ def trees(tmp_path):
 def run(monkeypatch, capsys):
     """The exit code with these arguments, and what is printed on standard output and error."""
 
-    def compared(*arguments):
+    def run_compare(*arguments):
         monkeypatch.setattr(sys, "argv", ["compare.py", *map(str, arguments)])
         try:
             code = compare.main()
@@ -39,7 +39,7 @@ def run(monkeypatch, capsys):
             code = end.code
         return code, *capsys.readouterr()
 
-    return compared
+    return run_compare
 
 
 def test_equal_values_are_equal_whatever_attributes_and_timings_say(run, trees):

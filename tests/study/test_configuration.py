@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 import sentences
 import yaml
-from configured import FILES, REMOVED, SCHEMA, SOURCE, SOURCES, STUDY, WHOLE, changed, fault
+from configured import FILES, REMOVED, SCHEMA, SOURCE, SOURCES, STUDY, WHOLE, change_study, fault
 from conftest import ROOT
 
 from study import config as configuration
@@ -22,9 +22,9 @@ RULES = [yaml.safe_load(file.read_text()) for file in SCHEMAS]
 
 
 def test_the_study_is_accepted_and_its_schemas_are_some():
-    whole, *parts = RULES
-    for properties in (whole["properties"], *parts):
-        jsonschema.Draft202012Validator.check_schema({**whole, "properties": properties})
+    full, *components = RULES
+    for properties in (full["properties"], *components):
+        jsonschema.Draft202012Validator.check_schema({**full, "properties": properties})
     study = copy.deepcopy(WHOLE)
     assert fault(study) is None
     assert study == WHOLE
@@ -162,11 +162,11 @@ def test_a_bad_value_is_refused_where_it_stands(path, value):
 
     What is said in which words of further ones is in the next test.
     """
-    found = fault(changed(path, value))
-    field = re.match(rf"{SOURCE}(?:, field ([\w.\[\]]+))?: ", found)[2] or ""
+    message = fault(change_study(path, value))
+    field = re.match(rf"{SOURCE}(?:, field ([\w.\[\]]+))?: ", message)[2] or ""
     assert str(path).startswith(field) or field.startswith((f"{path}[", f"{path}."))
-    assert "\n" not in found
-    assert len(found) < 400
+    assert "\n" not in message
+    assert len(message) < 400
 
 
 SAID = [
@@ -201,12 +201,12 @@ SAID = [
 
 
 @pytest.mark.parametrize(("path", "value"), SAID)
-def test_what_is_said(path, value):
+def test_refusals_name_the_file_and_the_field(path, value):
     """One line with the file, the field and what would be right."""
-    part = path.partition(".")[0]
-    names = FILES if path == part else [f"{SOURCES[part]}, field {part}"]
+    partition = path.partition(".")[0]
+    names = FILES if path == partition else [f"{SOURCES[partition]}, field {partition}"]
     with sentences.raises(InputError, *names):
-        configuration.check(changed(path, value), SOURCES, SCHEMA)
+        configuration.check(change_study(path, value), SOURCES, SCHEMA)
 
 
 @pytest.mark.parametrize(
@@ -226,12 +226,12 @@ def test_what_is_said(path, value):
 )
 def test_a_name_that_stands_for_nothing_is_refused(path, value):
     """`natural` is for the square only, and the study of cost varies the scene of its base's case."""
-    assert f"field {path}" in fault(changed(path, value))
+    assert f"field {path}" in fault(change_study(path, value))
 
 
 @pytest.mark.parametrize("size", ["1/8", "0.125", 0.125, 1, "10/3", "1/10", "0.5/4"])
-def test_sizes_that_are_allowed(size):
-    assert fault(changed("scenes.quick.mesh.h", size)) is None
+def test_sizes_in_any_form_are_accepted(size):
+    assert fault(change_study("scenes.quick.mesh.h", size)) is None
 
 
 def patterns(rules) -> Iterator[dict]:
@@ -240,15 +240,15 @@ def patterns(rules) -> Iterator[dict]:
             yield rules
         rules = list(rules.values())
     if isinstance(rules, list):
-        for part in rules:
-            yield from patterns(part)
+        for rule in rules:
+            yield from patterns(rule)
 
 
 def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
     """`$` would match before a newline."""
-    found = list(patterns(RULES))
-    assert len(found) > 8
-    for rules in found:
+    pattern_rules = list(patterns(RULES))
+    assert len(pattern_rules) > 8
+    for rules in pattern_rules:
         assert re.fullmatch(r"\^[^$]*\\Z", rules["pattern"].replace("\\Z)", ")"))
         assert rules["description"]
 
@@ -263,7 +263,7 @@ def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
         ("- 1\n",),
     ],
 )
-def test_files_that_are_refused(tmp_path, contents):
+def test_files_that_repeat_a_field_or_hold_no_mapping_are_refused(tmp_path, contents):
     files = [tmp_path / f"{i}.yaml" for i in range(len(contents))]
     for file, content in zip(files, contents, strict=True):
         file.write_text(content)
@@ -271,15 +271,15 @@ def test_files_that_are_refused(tmp_path, contents):
         configuration.read_configuration(map(str, files))
 
 
-def nested(levels):
-    return [nested(levels - 1)] if levels else 1
+def nest_lists(levels):
+    return [nest_lists(levels - 1)] if levels else 1
 
 
 EXTREME = {
     "long": (10**400, "it has more than 18 digits"),
     "longer than Python prints": (10**5000, "it has more than 18 digits"),
     "negative": (-(10**400), "it has more than 18 digits"),
-    "deep": (nested(500), "it is in more than 10 lists or fields"),
+    "deep": (nest_lists(500), "it is in more than 10 lists or fields"),
     "wide": ([1] * (MAX_YAML_NODES + 1), "..."),
     "fraction": ("1/" + "9" * 400, "..."),
     "digits": ("1" * 400, "..."),
@@ -290,15 +290,15 @@ EXTREME = {
 @pytest.mark.parametrize("path", ["adaptive.factor", "algorithm.steps", "stop.fraction", "documents"])
 def test_what_no_file_may_hold_is_refused_in_one_short_sentence(path, value):
     """As it can be given with --config. Control: `changed` with the value that is there is accepted."""
-    given, said = EXTREME[value]
-    told = fault(changed(path, given))
-    assert told is not None
-    assert f", field {path}" in told
-    assert said in told
-    assert len(told) < 400
+    data, message = EXTREME[value]
+    report = fault(change_study(path, data))
+    assert report is not None
+    assert f", field {path}" in report
+    assert message in report
+    assert len(report) < 400
 
 
 def test_the_longest_number_of_a_file_is_not_too_long():
     """Control: 18 digits are refused by the schema, if at all."""
-    assert "digits" not in str(fault(changed("algorithm.steps", 10**18 - 1)))
-    assert "digits" in fault(changed("algorithm.steps", 10**18))
+    assert "digits" not in str(fault(change_study("algorithm.steps", 10**18 - 1)))
+    assert "digits" in fault(change_study("algorithm.steps", 10**18))

@@ -15,7 +15,7 @@ from unilateral.errors import InputError
 
 
 @pytest.fixture(scope="module")
-def redrawn(tmp_path_factory):
+def redrawn_figures(tmp_path_factory):
     """A folder with all figures in git, drawn from their tables, and what is wrong with the page of each.
 
     By another process, with other seeds of its hashes, in another time zone, with odd settings of a user.
@@ -40,9 +40,9 @@ def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, redrawn):
+def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, redrawn_figures):
     """Text is drawn as paths, and there is no date."""
-    folder, faults_of_pages = redrawn
+    folder, faults_of_pages = redrawn_figures
     svg = (folder / f"{name}.svg").read_bytes()
     assert svg == (ROOT / f"figures/{name}.svg").read_bytes()
     assert svg.startswith(b"<?xml")
@@ -56,8 +56,8 @@ def test_what_is_beyond_the_page_or_too_small_is_seen(x, size, fault):
     figure = page("multiplier")[0]
     assert faults(figure) == []
     added = figure.text(x, 0.5, "added text", size=size)
-    (found,) = faults(figure)
-    assert found.startswith(fault)
+    (sentence,) = faults(figure)
+    assert sentence.startswith(fault)
     added.remove()
     assert faults(figure) == []
 
@@ -65,13 +65,13 @@ def test_what_is_beyond_the_page_or_too_small_is_seen(x, size, fault):
 @pytest.mark.parametrize("figure", ["benchmarks", "multiplier", "work_precision"])
 def test_another_table_gives_another_figure(figure):
     """Control. What others draw of other numbers is in tests of their own."""
-    others = {(ROOT / f"figures/{name}.svg").read_bytes() for name in FIGURES}
-    assert page(figure)[1] not in others
+    committed_figures = {(ROOT / f"figures/{name}.svg").read_bytes() for name in FIGURES}
+    assert page(figure)[1] not in committed_figures
 
 
 @pytest.mark.parametrize("figure", modules())
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
-    given = tmp_path / "missing.csv"
+    missing_table = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        modules()[figure].draw(given, tmp_path / "figure.svg")
+        modules()[figure].draw(missing_table, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -14,7 +14,7 @@ ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 """The SHA-256 of "abc", an example of FIPS 180-4."""
 
 
-def checked(folder):
+def run_sha256sum(folder):
     """What `sha256sum` says of the files, without this project."""
     return subprocess.run(
         ["sha256sum", "-c", "--quiet", "results/SHA256SUMS"], cwd=folder, capture_output=True, text=True
@@ -30,9 +30,12 @@ def written(tmp_path, monkeypatch):
         (tmp_path / "results" / name).write_text("abc")
 
     def write(study):
-        made = {"solve": ["results/errors.nc", "results/timings.nc"], "claims": ["results/claims.json"]}
+        files_by_rule = {
+            "solve": ["results/errors.nc", "results/timings.nc"],
+            "claims": ["results/claims.json"],
+        }
         paths = {"manifest": tmp_path / "results/manifest.json", "sums": tmp_path / "results/SHA256SUMS"}
-        manifest.write_manifest(study, made, **paths)
+        manifest.write_manifest(study, files_by_rule, **paths)
         return (tmp_path / "results/manifest.json").read_bytes()
 
     return write
@@ -47,10 +50,10 @@ def test_files_are_told_with_rule_size_and_sum(written):
 
 def test_a_changed_file_is_found_without_this_project(written, tmp_path):
     written({})
-    assert checked(tmp_path).returncode == 0
+    assert run_sha256sum(tmp_path).returncode == 0
     (tmp_path / "results/claims.json").write_text("abd")
-    found = checked(tmp_path)
-    assert (found.returncode, found.stdout) == (1, "results/claims.json: FAILED\n")
+    process = run_sha256sum(tmp_path)
+    assert (process.returncode, process.stdout) == (1, "results/claims.json: FAILED\n")
 
 
 def test_two_runs_with_one_result_have_one_manifest(written, tmp_path):
@@ -69,12 +72,12 @@ def test_versions_are_those_of_what_the_study_needs():
     needed = [*project["dependencies"]]
     for extra in ("study", "all", "files", "mesh", "plot"):
         needed += extras[extra]
-    here = [each for each in needed if "sys_platform == " not in each]
-    names = {re.match(r"[\w.-]+", each)[0] for each in here}
+    position = [requirement for requirement in needed if "sys_platform == " not in requirement]
+    names = {re.match(r"[\w.-]+", requirement)[0] for requirement in position}
     assert manifest.package_versions().keys() == names | {"unilateral", "Python"}
     assert manifest.package_versions()["unilateral"] == project["version"]
 
 
 def test_the_stored_manifest_is_that_of_the_results():
-    found = checked(ROOT)
-    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
+    process = run_sha256sum(ROOT)
+    assert (process.returncode, process.stdout, process.stderr) == (0, "", "")

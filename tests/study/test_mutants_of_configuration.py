@@ -56,12 +56,12 @@ ACCEPTED = [
 """Places and changes that leave a configuration that makes sense."""
 
 
-def places(value, at=()):
+def places(value, position=()):
     """All places in nested mappings and lists, but the whole."""
     inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, part in inside:
-        yield (*at, key)
-        yield from places(part, (*at, key))
+    for key, component in inside:
+        yield (*position, key)
+        yield from places(component, (*position, key))
 
 
 def mutant(rng, place):
@@ -80,8 +80,8 @@ def mutant(rng, place):
         above[last] = f"{old}\n"
     elif how in ("extra", "key") and isinstance(old, dict) and old:
         name = str(rng.choice(list(KEYS)))
-        taken = list(old)[rng.integers(len(old))]
-        value = old[taken] if how == "extra" else old.pop(taken)
+        selected = list(old)[rng.integers(len(old))]
+        value = old[selected] if how == "extra" else old.pop(selected)
         old[KEYS[name]] = copy.deepcopy(value)
         how = f"{how} {name}"
     elif how == "entry" and isinstance(old, list):
@@ -97,23 +97,23 @@ def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
     rng = np.random.default_rng(7)
     accepted = []
     number = 0
-    found = list(places(STUDY))
-    found = [place for place in found if "finds" not in place or rng.random() < 0.1]
-    for place in (found[i] for i in rng.integers(len(found), size=250)):
-        made = mutant(rng, place)
-        if made is None:
+    chosen_places = list(places(STUDY))
+    chosen_places = [place for place in chosen_places if "finds" not in place or rng.random() < 0.1]
+    for place in (chosen_places[i] for i in rng.integers(len(chosen_places), size=250)):
+        changed_study = mutant(rng, place)
+        if changed_study is None:
             continue
-        said = fault(made[0])
+        message = fault(changed_study[0])
         number = number + 1
-        if said is None:
-            accepted.append((".".join(map(str, place)), made[1]))
+        if message is None:
+            accepted.append((".".join(map(str, place)), changed_study[1]))
         else:
-            assert re.match(rf"{SOURCE}(, field \S+)?: [^\n]*\Z", said)
-            assert len(said) < 450
+            assert re.match(rf"{SOURCE}(, field \S+)?: [^\n]*\Z", message)
+            assert len(message) < 450
     assert number > 160
     surprising = [
         (place, how)
         for place, how in accepted
-        if not any(re.fullmatch(at, place) and re.fullmatch(hows, how) for at, hows in ACCEPTED)
+        if not any(re.fullmatch(position, place) and re.fullmatch(hows, how) for position, hows in ACCEPTED)
     ]
     assert surprising == []

@@ -20,14 +20,14 @@ def report(tmp_path_factory):
     """Made as `make report` makes it, of the stored results."""
     target = tmp_path_factory.mktemp("report") / "report.html"
     command = [sys.executable, "workflow/write_report.py", str(target)]
-    made = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
-    assert made.returncode == 0, made.stderr
+    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 0, process.stderr
     assert [file.name for file in target.parent.iterdir()] == ["report.html"]
     return target
 
 
 @pytest.fixture
-def opened(browser, report):
+def report_page(browser, report):
     """The report's first page, without an error and without a request that leaves this machine."""
     page = browser.open(report)
     assert page.title == "Snakemake Report"
@@ -35,8 +35,8 @@ def opened(browser, report):
     return browser.driver
 
 
-def wait(driver, what):
-    return WebDriverWait(driver, SECONDS).until(what)
+def wait(driver, condition):
+    return WebDriverWait(driver, SECONDS).until(condition)
 
 
 def press(driver, name):
@@ -45,15 +45,15 @@ def press(driver, name):
     next(entry for entry in entries if entry.text.strip() == name).click()
 
 
-def listed(driver, category):
+def list_rows(driver, category):
     """The rows of a category's list."""
     press(driver, category)
     return wait(driver, lambda d: d.find_elements(By.CSS_SELECTOR, "nav tbody tr"))
 
 
-def shown(driver, category, name):
+def open_row(driver, category, name):
     """The text of the page that a row of a category opens."""
-    rows = listed(driver, category)
+    rows = list_rows(driver, category)
     next(row for row in rows if row.text.startswith(name)).find_element(By.TAG_NAME, "a").click()
     frame = wait(driver, lambda d: d.find_elements(By.TAG_NAME, "iframe"))[0]
     driver.switch_to.frame(frame)
@@ -62,31 +62,31 @@ def shown(driver, category, name):
     return text
 
 
-def test_every_committed_figure_is_in_it_and_its_picture_has_a_size(opened):
-    names = [row.find_element(By.TAG_NAME, "td").text for row in listed(opened, "Figures")]
+def test_every_committed_figure_is_in_it_and_its_picture_has_a_size(report_page):
+    names = [row.find_element(By.TAG_NAME, "td").text for row in list_rows(report_page, "Figures")]
     assert sorted(names) == sorted(file.stem for file in (ROOT / "figures").glob("*.svg"))
-    opened.find_element(By.CSS_SELECTOR, "nav tbody tr a").click()
-    picture = wait(opened, lambda d: d.find_elements(By.CSS_SELECTOR, "#app > div img, .grow img"))[-1]
-    assert wait(opened, lambda d: picture.get_property("naturalWidth")) > 400
+    report_page.find_element(By.CSS_SELECTOR, "nav tbody tr a").click()
+    picture = wait(report_page, lambda d: d.find_elements(By.CSS_SELECTOR, "#app > div img, .grow img"))[-1]
+    assert wait(report_page, lambda d: picture.get_property("naturalWidth")) > 400
     # what a list shows leaves room for the picture
     assert picture.location["x"] < 700
 
 
-def test_a_figure_says_what_it_was_drawn_from(opened):
-    row = next(row for row in listed(opened, "Figures") if row.text.startswith("verdict"))
+def test_a_figure_says_what_it_was_drawn_from(report_page):
+    row = next(row for row in list_rows(report_page, "Figures") if row.text.startswith("verdict"))
     row.find_elements(By.TAG_NAME, "a")[-1].click()
-    told = wait(opened, lambda d: d.find_element(By.TAG_NAME, "nav").text)
-    assert "figures/verdict.csv by workflow/scripts/draw_verdict.py" in " ".join(told.split())
+    report = wait(report_page, lambda d: d.find_element(By.TAG_NAME, "nav").text)
+    assert "figures/verdict.csv by workflow/scripts/draw_verdict.py" in " ".join(report.split())
 
 
-def test_the_judged_claims_are_in_it(opened):
-    text = shown(opened, "Tables", "Every claim")
+def test_the_judged_claims_are_in_it(report_page):
+    text = open_row(report_page, "Tables", "Every claim")
     for claim in json.loads((ROOT / "results/claims.json").read_text()):
         assert re.search(rf"^{re.escape(claim['id'])}\b", text, re.MULTILINE), claim["id"]
 
 
-def test_the_rates_are_in_it(opened):
-    text = shown(opened, "Tables", "Rates")
+def test_the_rates_are_in_it(report_page):
+    text = open_row(report_page, "Tables", "Rates")
     rows = re.findall(r"^\| (\w+) +\| `(.*?)` +\| (.*?) \(", blocks()["rates"], re.MULTILINE)
     assert len(rows) > 20
     for scene, case, rate in rows:
@@ -97,25 +97,25 @@ def blocks():
     return json.loads((ROOT / "results/blocks.json").read_text())
 
 
-def test_a_case_can_be_chosen_in_it(opened):
+def test_a_case_can_be_chosen_in_it(report_page):
     """The page's script runs within the report, too."""
-    text = shown(opened, "Tables", "Errors and rates")
+    text = open_row(report_page, "Tables", "Errors and rates")
     assert "Observed rate of the expected one: " in text
 
 
-def test_versions_and_parameters_are_in_it(opened):
-    text = shown(opened, "Tables", "Versions")
-    told = json.loads((ROOT / "results/manifest.json").read_text())
-    assert told["parameters"] in text
-    assert all(f"{name} {version}" in text for name, version in told["versions"].items())
+def test_versions_and_parameters_are_in_it(report_page):
+    text = open_row(report_page, "Tables", "Versions")
+    document = json.loads((ROOT / "results/manifest.json").read_text())
+    assert document["parameters"] in text
+    assert all(f"{name} {version}" in text for name, version in document["versions"].items())
     assert "judged_ratio: 1/2" in text
 
 
-def test_the_supplement_opens_though_it_is_larger_than_any_data_url_that_chromium_opens(opened):
+def test_the_supplement_opens_though_it_is_larger_than_any_data_url_that_chromium_opens(report_page):
     """Without the script that makes blobs of such results the frame stays empty."""
     title = re.search(r"^title: (.*)$", (ROOT / "supplement.md").read_text(), re.MULTILINE)[1]
     assert (ROOT / "results/paper/supplement.html").stat().st_size * 4 / 3 > 2**21
-    text = shown(opened, "Paper", "supplement, as a page")
+    text = open_row(report_page, "Paper", "supplement, as a page")
     assert title.strip('"') in " ".join(text.split())
     assert "References" in text
 
@@ -126,10 +126,10 @@ def test_a_report_of_results_that_are_not_there_is_refused(tmp_path):
         "rule made:\n    output: report('x.svg')\n    shell: 'touch {output}'\n"
     )
     command = [sys.executable, ROOT / "workflow/write_report.py", "report.html"]
-    made = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert made.returncode == 1
-    assert re.search(r"File \S+ marked for report but does not exist", made.stderr)
-    assert "Traceback" not in made.stderr
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 1
+    assert re.search(r"File \S+ marked for report but does not exist", process.stderr)
+    assert "Traceback" not in process.stderr
     assert not (tmp_path / "report.html").exists()
 
 
@@ -140,18 +140,20 @@ def test_what_a_page_of_provenance_tells(tmp_path):
     sizes = {"solve": (1_500_000, 500_000), "rates": (2_000,)}
     files = [{"rule": rule, "bytes": size} for rule, all_of in sizes.items() for size in all_of]
     manifest = {"versions": {"numpy": "2.0"}, "parameters": "abc", "files": files}
-    told = pages.provenance_blocks(manifest, [str(parameters)])
-    rows = [[cell.strip() for cell in row.split("|")[1:-1]] for row in told["files"].splitlines()]
+    provenance_blocks = pages.provenance_blocks(manifest, [str(parameters)])
+    rows = [
+        [cell.strip() for cell in row.split("|")[1:-1]] for row in provenance_blocks["files"].splitlines()
+    ]
     assert rows[2:] == [["solve", "2", "2"], ["rates", "1", "0.002"]]
-    assert "| numpy" in told["versions"]
-    assert told["parameters"].endswith(f"## `{parameters}`\n\n```yaml\nh: 1/8\n```")
-    assert told["parameters"].startswith("SHA-256 of the configuration: `abc`")
+    assert "| numpy" in provenance_blocks["versions"]
+    assert provenance_blocks["parameters"].endswith(f"## `{parameters}`\n\n```yaml\nh: 1/8\n```")
+    assert provenance_blocks["parameters"].startswith("SHA-256 of the configuration: `abc`")
 
 
 @pytest.mark.parametrize("width", [600, 1000, 1400])
 @pytest.mark.parametrize("page", ["paper/paper", "report/claims", "report/rates", "report/provenance"])
 def test_no_page_is_wider_than_its_window(browser, page, width):
     """Wide tables scroll by themselves; without that, a formula in a table reached 49 pixels beyond 1000."""
-    seen = browser.open(ROOT / f"results/{page}.html", (width, 900))
-    assert (seen.errors, seen.elsewhere) == ([], [])
+    view = browser.open(ROOT / f"results/{page}.html", (width, 900))
+    assert (view.errors, view.elsewhere) == ([], [])
     assert browser.overflow() == 0

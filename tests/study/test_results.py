@@ -10,7 +10,7 @@ from dataclasses import replace
 import netCDF4
 import numpy as np
 import pytest
-from conftest import RESULTS, ROOT, config, stored
+from conftest import RESULTS, ROOT, config, read_stored_table
 
 from study import rates
 from study.ledger import claims, listing
@@ -32,15 +32,15 @@ def scene(request):
 
 @pytest.fixture
 def errors(scene):
-    return stored(f"{scene}/errors")
+    return read_stored_table(f"{scene}/errors")
 
 
 def test_a_scene_s_table_tells_its_parameters(errors, scene):
     """Those of the configuration, whose defaults are filled in; a value that was changed since is told."""
-    told = json.loads(errors.attrs["parameters"])
+    document = json.loads(errors.attrs["parameters"])
     declared = SCENES[scene]
-    assert {name: told[f"scenes.{scene}"][name] for name in declared} == declared
-    assert told["stop"] == config("study")["stop"]
+    assert {name: document[f"scenes.{scene}"][name] for name in declared} == declared
+    assert document["stop"] == config("study")["stop"]
 
 
 def runs(table, name):
@@ -49,26 +49,26 @@ def runs(table, name):
     return values[np.isfinite(values)]
 
 
-def judged(table, name, norm):
+def judge_stored_errors(table, name, norm):
     expected = rates.Expectation.read(EXPECTED, name, norm, case.read_case_declaration(name)[0]["asymptotic"])
     return rates.judge_errors(table, name, norm, RATIO, expected)
 
 
 @pytest.mark.parametrize("norm", rates.ERROR_NORMS)
 @pytest.mark.parametrize(("scene", "name"), [(s, c) for s in SCENES for c in SCENES[s]["cases"]])
-def test_rate(scene, name, norm):
+def test_every_asymptotic_pair_reaches_the_expected_rate(scene, name, norm):
     """Every asymptotic pair reaches the expected rate, and the finest error its bound."""
-    found = judged(stored(f"{scene}/errors"), name, norm)
+    verdict = judge_stored_errors(read_stored_table(f"{scene}/errors"), name, norm)
     unjudged = EXPECTED["cases"][name][norm]["rate"] == "none"
     allowed = ("not judged",) if unjudged else ("holds", "exact")
-    assert found.verdict in allowed, f"\n{scene}, {name}, {norm}\n{found}"
-    stored_verdict = stored(f"{scene}/rates")["verdict"].sel(case=name, norm=norm, h_over_H=RATIO)
-    assert stored_verdict.item() == found.verdict
+    assert verdict.verdict in allowed, f"\n{scene}, {name}, {norm}\n{verdict}"
+    stored_verdict = read_stored_table(f"{scene}/rates")["verdict"].sel(case=name, norm=norm, h_over_H=RATIO)
+    assert stored_verdict.item() == verdict.verdict
 
 
 def test_no_multiplier_is_0_where_contact_at_the_re_entrant_vertex_is_judged():
     """So the problem is linear there. Control: reentrant, which has a gap at the vertex, has such cells."""
-    multipliers = stored("corners/solutions")["lambda_H"]
+    multipliers = read_stored_table("corners/solutions")["lambda_H"]
     assert runs(multipliers.sel(case=["reentrant_full"]).to_dataset(), "lambda_H").min() > 0
     assert runs(multipliers.sel(case=["reentrant"]).to_dataset(), "lambda_H").min() == 0
 
@@ -83,20 +83,22 @@ def test_a_multiplier_at_a_wide_angle_misses_the_bound_of_quasi_optimality(norm)
     expected = rates.Expectation.read(
         study, "obtuse_0.9", norm, case.read_case_declaration("obtuse_0.9")[0]["asymptotic"]
     )
-    found = rates.judge_errors(stored("obtuse/errors"), "obtuse_0.9", norm, RATIO, expected)
-    assert [reason for reason in found.reasons if "is above its bound" in reason] == list(found.reasons) != []
+    errors = rates.judge_errors(read_stored_table("obtuse/errors"), "obtuse_0.9", norm, RATIO, expected)
+    assert (
+        [reason for reason in errors.reasons if "is above its bound" in reason] == list(errors.reasons) != []
+    )
 
 
 @pytest.mark.parametrize("norm", rates.ERROR_NORMS)
 def test_a_spoilt_table_is_refused(norm):
     """Control: errors of the finest level 10 % larger, and one run marked as not converged."""
-    worse = stored("square/errors").copy(deep=True)
-    unconverged = stored("square/errors").copy(deep=True)
+    worse = read_stored_table("square/errors").copy(deep=True)
+    unconverged = read_stored_table("square/errors").copy(deep=True)
     for name in ("hm12_error_lower", "hm12_error_upper") if norm == "hm12" else (f"{norm}_error",):
         worse[name][{"mesh": -1}] *= 1.1 if norm == "h1" else 1.3
-    assert judged(worse, "natural", norm).verdict == "fails"
+    assert judge_stored_errors(worse, "natural", norm).verdict == "fails"
     unconverged["converged"][{"mesh": 3}] = 0.0
-    assert "did not converge" in str(judged(unconverged, "natural", norm))
+    assert "did not converge" in str(judge_stored_errors(unconverged, "natural", norm))
 
 
 def test_the_table_is_complete(scene, errors):
@@ -113,8 +115,8 @@ def test_the_table_is_complete(scene, errors):
     balance = [] if has_clamped_sides(declared["cases"][0]) else ["balance"]
     for name in ("h1_error", "algebraic_bound", "converged", "operator_applications", "algorithm", *balance):
         values = errors[name].transpose("mesh", "partition", "case").values
-        known = values != "" if name == "algorithm" else np.isfinite(values)
-        assert np.array_equal(known, np.broadcast_to(inside[..., None], known.shape)), name
+        expected = values != "" if name == "algorithm" else np.isfinite(values)
+        assert np.array_equal(expected, np.broadcast_to(inside[..., None], expected.shape)), name
 
 
 LABELS = {"case", "norm", "kind", "axis", "variant"}
@@ -150,12 +152,12 @@ def test_plain_uzawa_ran_wherever_beta_is_positive(errors):
     assert np.array_equal(errors["algorithm"].transpose(*singular.dims).values, expected)
     judged = solved & ~singular
     in_L2 = judged & (errors["case"] != "rough")  # whose lambda is like s^(-0.95)
-    known = dict.fromkeys(("hm12_error_lower", "hm12_best", "discrete_error"), judged)
-    for name, where in (known | {"hm12_error_upper": in_L2, "l2_error": in_L2}).items():
+    expected_value = dict.fromkeys(("hm12_error_lower", "hm12_best", "discrete_error"), judged)
+    for name, where in (expected_value | {"hm12_error_upper": in_L2, "l2_error": in_L2}).items():
         assert np.array_equal(np.isfinite(errors[name]), where), name
 
 
-def test_the_global_balance_of_every_run(errors):
+def test_every_run_is_balanced_globally(errors):
     """int u_h = int f + int lambda_H, the equation tested with v = 1; relative to u where that is large.
 
     Beside clamped sides there is no such v.
@@ -184,7 +186,7 @@ def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, 
     assert judgement.holds, "\n" + listing.explain_claim(judgement)
 
 
-def test_the_exact_split_of_smooth_runs(errors):
+def test_smooth_runs_split_exactly(errors):
     """||u-u_h||^2 = ||u-z_h||^2 + ||lambda-lambda_H||^2_{-1/2,h}, to round-off where data are smooth."""
     smooth = errors["case"].isin(["full_contact", "no_contact"])
     absolute = errors["quadrature_share"] * errors["h1_error"] ** 2 / errors["u_norm"] ** 2
@@ -198,7 +200,7 @@ def test_the_upper_bound_is_not_below_the_discrete_norm(errors):
 
 def test_an_upper_bound_a_thousandth_lower_would_be_below_it():
     """Control."""
-    table = stored("square/errors")
+    table = read_stored_table("square/errors")
     assert np.any(
         (0.999 * table["hm12_error_upper"] < table["discrete_error"]) & (table["discrete_error"] > 1e-10)
     )
@@ -206,25 +208,25 @@ def test_an_upper_bound_a_thousandth_lower_would_be_below_it():
 
 def test_beta_is_known_to_half_a_percent_at_most_1_and_does_not_fall_on_refinement(scene, errors):
     """It is 0 from h = H on. V_h is contained in its refinement; each beta is known between bounds only."""
-    table = stored(f"{scene}/infsup")
+    table = read_stored_table(f"{scene}/infsup")
     lower = table["beta_lower"].values
     upper = table["beta_upper"].values
-    known = np.isfinite(lower)
+    known_finite = np.isfinite(lower)
     positive = upper > 0
-    assert known.any()
-    assert np.all((lower <= upper) & (upper <= 1) | ~known)
-    assert np.all(upper[known & positive] <= 1.005 * lower[known & positive])
-    assert np.array_equal(positive[known], (errors["h_over_H"].values < 1 - 1e-12)[known])
-    assert np.all((lower[:-1] <= upper[1:]) | ~known[:-1] | ~known[1:])
+    assert known_finite.any()
+    assert np.all((lower <= upper) & (upper <= 1) | ~known_finite)
+    assert np.all(upper[known_finite & positive] <= 1.005 * lower[known_finite & positive])
+    assert np.array_equal(positive[known_finite], (errors["h_over_H"].values < 1 - 1e-12)[known_finite])
+    assert np.all((lower[:-1] <= upper[1:]) | ~known_finite[:-1] | ~known_finite[1:])
 
 
 def test_the_discrete_norm_is_a_part_of_the_true_one(scene):
     """Their ratio is at most 1, by bounds that do not know of V_h."""
-    lower = stored(f"{scene}/infsup")["norm_ratio_lower"].values
-    upper = stored(f"{scene}/infsup")["norm_ratio_upper"].values
-    known = np.isfinite(lower)
-    assert np.all((lower <= upper)[known])
-    assert np.all(lower[known] <= 1)
+    lower = read_stored_table(f"{scene}/infsup")["norm_ratio_lower"].values
+    upper = read_stored_table(f"{scene}/infsup")["norm_ratio_upper"].values
+    known_finite = np.isfinite(lower)
+    assert np.all((lower <= upper)[known_finite])
+    assert np.all(lower[known_finite] <= 1)
 
 
 def test_the_error_is_not_below_that_of_the_ritz_projection(errors):

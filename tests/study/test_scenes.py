@@ -18,13 +18,16 @@ SCENE = {"polygon": "square", "mesh": {"kind": "unstructured", "h": "1/4"}}
 
 
 @pytest.fixture
-def stored(tmp_path: Path) -> Path:
+def mesh_file(tmp_path: Path) -> Path:
     files.write_mesh(scenes.coarsest_mesh(SCENE), tmp_path / "mesh.vtu")
     return tmp_path / "mesh.vtu"
 
 
-def same(one: Mesh, other: Mesh) -> bool:
-    return all(np.array_equal(getattr(one, of), getattr(other, of)) for of in ("points", "triangles", "s"))
+def same(mesh: Mesh, other_mesh: Mesh) -> bool:
+    return all(
+        np.array_equal(getattr(mesh, name), getattr(other_mesh, name))
+        for name in ("points", "triangles", "s")
+    )
 
 
 def read_with(path: Path, content: bytes) -> Mesh | None:
@@ -43,34 +46,34 @@ def test_cases_with_different_forms_are_no_scene() -> None:
     assert [case.name for case in scenes.load_cases(scene | {"cases": ["clamped"]})] == ["clamped"]
 
 
-def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:
+def test_no_flipped_bit_and_no_cut_changes_the_mesh(mesh_file: Path) -> None:
     """300 bits and 50 lengths: zlib has a checksum of what it compresses, Adler-32; the rest is XML."""
-    whole = stored.read_bytes()
+    full_bytes = mesh_file.read_bytes()
     rng = np.random.default_rng(1)
     refused = 0
-    for bit in rng.integers(8 * len(whole), size=300):
-        damaged = bytearray(whole)
+    for bit in rng.integers(8 * len(full_bytes), size=300):
+        damaged = bytearray(full_bytes)
         damaged[bit // 8] ^= 1 << bit % 8
-        found = read_with(stored, bytes(damaged))
-        refused += found is None
-        assert found is None or same(found, scenes.coarsest_mesh(SCENE))
+        damaged_mesh = read_with(mesh_file, bytes(damaged))
+        refused += damaged_mesh is None
+        assert damaged_mesh is None or same(damaged_mesh, scenes.coarsest_mesh(SCENE))
     assert refused > 200
-    for length in rng.integers(len(whole) - len("</VTKFile>"), size=50):
-        assert read_with(stored, whole[:length]) is None
+    for length in rng.integers(len(full_bytes) - len("</VTKFile>"), size=50):
+        assert read_with(mesh_file, full_bytes[:length]) is None
 
 
-def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(stored: Path) -> None:
+def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(mesh_file: Path) -> None:
     """Control: one of the digits of a node inside."""
-    meshio.read(stored).write(stored, binary=False)
-    right = scenes.read_coarsest_mesh(str(stored), SCENE)
-    content = stored.read_text(encoding="utf-8")
+    meshio.read(mesh_file).write(mesh_file, binary=False)
+    right = scenes.read_coarsest_mesh(str(mesh_file), SCENE)
+    content = mesh_file.read_text(encoding="utf-8")
     inside = next(x for x in right.points[:, 0] if 0.1 < x < 0.9 and x not in (0.25, 0.5, 0.75))
     place = content.index(f"{inside:.15e}"[:8]) + 7
     damaged = bytearray(content.encode())
     damaged[place] ^= 1
-    found = read_with(stored, bytes(damaged))
-    assert found is not None
-    assert not same(found, right)
+    damaged_mesh = read_with(mesh_file, bytes(damaged))
+    assert damaged_mesh is not None
+    assert not same(damaged_mesh, right)
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def jobs_of_scenes(text):
 
 
 @pytest.fixture(scope="module")
-def planned(tree, dry_run):
+def planned_jobs(tree, dry_run):
     """The jobs of scenes where one file each is missing, and of `quick`."""
     for scene, name in MISSING.items():
         (make_results(tree, scene) / name).unlink()
@@ -109,14 +109,14 @@ def planned(tree, dry_run):
     return jobs_of_scenes(out + err)
 
 
-def test_what_is_there_is_not_made_anew(planned):
+def test_what_is_there_is_not_made_anew(planned_jobs):
     """Control. It waits until the process of all runs has imported Snakemake."""
-    assert planned["quick"] == []
+    assert planned_jobs["quick"] == []
 
 
 @pytest.mark.parametrize("scene", MISSING)
-def test_what_is_missing_is_made_anew_with_what_follows_from_it(planned, scene):
-    rules = planned[scene]
+def test_what_is_missing_is_made_anew_with_what_follows_from_it(planned_jobs, scene):
+    rules = planned_jobs[scene]
     assert rules.count(RULES[MISSING[scene]]) == 1
     assert rules.count("rates") == 1
 
@@ -149,18 +149,18 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("change", "said"), REFUSED)
-def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, dry_run, change, said):
+@pytest.mark.parametrize(("change", "message"), REFUSED)
+def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, dry_run, change, message):
     """Also by a dry run, and whatever the target is. What else is refused is in test_configuration.py."""
     name, old, new = change
     file = tree / f"workflow/config/{name}.yaml"
-    kept = file.read_text()
-    assert kept.count(old) == 1
-    file.write_text(kept.replace(old, new))
+    retained = file.read_text()
+    assert retained.count(old) == 1
+    file.write_text(retained.replace(old, new))
     code, _, err = dry_run("figures/solution.svg")
-    file.write_text(kept)
+    file.write_text(retained)
     assert code == 2
-    assert re.fullmatch(f"unilateral: {said}\n", err)
+    assert re.fullmatch(f"unilateral: {message}\n", err)
 
 
 def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
@@ -172,12 +172,12 @@ def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
 def test_a_failing_job_says_why_and_leaves_nothing_half_written(server, tree):
     """The dual norm that it reads is no table. This takes as long as a job takes to begin."""
     folder = make_results(tree, "quick")
-    left = set(folder.iterdir()) - {folder / name for name in SOLVED}
+    remaining = set(folder.iterdir()) - {folder / name for name in SOLVED}
     code, out, err = server.run(tree, "-c1", "-f", "results/quick/errors.nc", "--rerun-triggers", "mtime")
-    said = re.findall(r"^unilateral: .*dual_norm\.nc is damaged .*\n", out + err, re.MULTILINE)
-    assert (code, len(said)) == (1, 1)
-    assert (tree / "results/logs/solve/quick.log").read_text() == said[0]
-    assert set(folder.iterdir()) == left
+    matches = re.findall(r"^unilateral: .*dual_norm\.nc is damaged .*\n", out + err, re.MULTILINE)
+    assert (code, len(matches)) == (1, 1)
+    assert (tree / "results/logs/solve/quick.log").read_text() == matches[0]
+    assert set(folder.iterdir()) == remaining
     shutil.rmtree(tree / "results")
 
 
@@ -219,9 +219,9 @@ def resume(tmp_path, monkeypatch):
         Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).touch()
     for name in ("results/square/errors.nc", "figures/rates.svg", "README.md"):
-        left = Path(name).with_name(f".{Path(name).name}.0123456789abcdef.tmp")
-        left.mkdir(parents=True)
-        (left / "half").touch()
+        leftover = Path(name).with_name(f".{Path(name).name}.0123456789abcdef.tmp")
+        leftover.mkdir(parents=True)
+        (leftover / "half").touch()
     return module.main
 
 
@@ -256,11 +256,11 @@ def test_nothing_is_removed_while_another_run_is_alive(resume):
 def test_where_there_are_no_locks_nothing_is_removed(resume, monkeypatch):
     """As on some shared file systems: nobody knows then whether another run lives."""
 
-    def refused(*_):
+    def refuse_lock(*_):
         raise OSError(errno.ENOLCK, "No locks available")
 
     before = files()
-    monkeypatch.setattr(fcntl, "flock", refused)
+    monkeypatch.setattr(fcntl, "flock", refuse_lock)
     resume()
     assert files() == before
 
@@ -302,9 +302,9 @@ def test_make_refuses_folders_below_which_snakemake_fails(tmp_path, name):
         ["make", "help"], cwd=folder, env=environment, capture_output=True, text=True, timeout=60
     )
     if name in REFUSED_IN_PATHS:
-        said = f"in its path; move the project out of '{folder}'.  Stop."
+        text = f"in its path; move the project out of '{folder}'.  Stop."
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-        assert said in done.stderr
+        assert text in done.stderr
     else:
         assert (done.returncode, done.stderr) == (0, "")
 

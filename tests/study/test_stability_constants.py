@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 import pytest
 import xarray as xr
-from boundary_norms import gram, on
+from boundary_norms import gram, make_operator_and_gram
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
@@ -61,8 +61,8 @@ def test_on_equal_cells_alternating_values_are_the_worst(delta):
     M = pairing_matrix(nodes, cells)
     assert_allclose(M.sum(axis=1), 1, rtol=1e-14)
     assert_allclose(M[0, [0, 1, -1]], [0.5 + delta - delta**2, (1 - delta) ** 2 / 2, delta**2 / 2])
-    found = pairing_constant(np.append(nodes, 4.0), cells)
-    assert found == pytest.approx(2 * delta * (1 - delta), rel=1e-12)
+    constant = pairing_constant(np.append(nodes, 4.0), cells)
+    assert constant == pytest.approx(2 * delta * (1 - delta), rel=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [1, 30, 1e6])
@@ -71,14 +71,14 @@ def test_the_bound_of_the_proof_holds_for_random_cells_and_nodes(ratio):
     rng = np.random.default_rng(int(ratio))
     sides = square().starts
     for _ in range(100):
-        of_side = ratio ** rng.random((4, 3))
-        ends = sides[:-1, None] + np.cumsum(of_side, axis=1) / of_side.sum(axis=1)[:, None]
+        side = ratio ** rng.random((4, 3))
+        ends = sides[:-1, None] + np.cumsum(side, axis=1) / side.sum(axis=1)[:, None]
         cells = partitions.from_points(square(), np.append(0.0, ends.ravel()))
         delta = rng.uniform(0.01, 0.5)
         nodes = cells.points[:-1] + rng.uniform(delta, 1 - delta, 12) * cells.lengths
         delta = innermost_nodes(np.append(nodes, 4.0), cells)[1].min()
-        found = pairing_constant(np.append(nodes, 4.0), cells)
-        assert found >= pairing_constant_bound(delta) == pytest.approx(delta / 4, rel=1e-14)
+        constant = pairing_constant(np.append(nodes, 4.0), cells)
+        assert constant >= pairing_constant_bound(delta) == pytest.approx(delta / 4, rel=1e-14)
 
 
 def test_no_bound_holds_that_is_eight_times_as_large():
@@ -119,8 +119,8 @@ def test_the_certified_constant_lies_below_the_one_by_solving_and_within_a_half(
     """Below: by the proof. Control: without the energy, as sigma alone, it would not."""
     mesh, cells = PAIRS[name]()
     solved = cellwise_constant(mixed_spaces(condense(mesh), cells).operator)
-    found = cellwise_lower_bound(mesh, cells)
-    assert solved / 2 < found <= solved < pairing_constant(mesh.s, cells)
+    lower_bound = cellwise_lower_bound(mesh, cells)
+    assert solved / 2 < lower_bound <= solved < pairing_constant(mesh.s, cells)
 
 
 def test_nothing_is_certified_where_a_cell_has_no_node_inside():
@@ -132,14 +132,14 @@ def test_nothing_is_certified_where_a_cell_has_no_node_inside():
     )
 
 
-def test_the_cellwise_constant_against_a_generalised_eigenvalue():
+def test_the_cellwise_constant_is_a_generalised_eigenvalue():
     """(sum_i H_i^2 mu_i^2)^{1/2} for H^{1/2} ||mu||_0; on equal cells it is beta_0."""
     cells = partitions.make_shifted_partition(square(), 1 / 4, 0.6)
     op = mixed_spaces(condense(make_structured_mesh(square(), 1 / 18)), cells).operator
     expected = sqrt(eigh(op.D, np.diag(op.H_i**2), eigvals_only=True)[0])
     assert cellwise_constant(op) == pytest.approx(expected, rel=1e-10)
     assert cellwise_constant(op) > 1.1 * infsup_constants(op, gram(cells)).beta_0
-    op, form = on("square", 8, 4)
+    op, form = make_operator_and_gram("square", 8, 4)
     assert cellwise_constant(op) == pytest.approx(infsup_constants(op, form).beta_0, rel=1e-10)
 
 
@@ -149,24 +149,24 @@ def runs(hm12, h1_error, beta=(0.5, 0.5)):
     run = ("case", "mesh", "partition")
     values = {"hm12_error_lower": hm12[0], "hm12_error_upper": hm12[1], "h1_error": h1_error}
     values |= {"discrete_error": 0.9, "hm12_best": 0.1}
-    of_pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}
+    pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}
     table = {name: (run, [[[value]]]) for name, value in values.items()}
-    table |= {name: (grid, [[value]]) for name, value in of_pair.items()}
+    table |= {name: (grid, [[value]]) for name, value in pair.items()}
     return xr.Dataset({**table, "u_norm": (("case", "mesh"), [[1.0]])})
 
 
-def test_the_ratios_of_a_run_by_hand():
+def test_the_quotients_of_a_run_take_every_bound_on_its_unfavourable_side():
     """Every factor on its unfavourable side: the largest error over the smallest right side of (4.6)."""
-    found = lemma_quotients(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
-    assert_allclose(found["norm_ratio_lower"], 0.9 / 1.2)
-    assert_allclose(found["norm_ratio_upper"], 0.9 / 1.0)
-    assert_allclose(found["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
-    assert float(found["lemma_4_3"]) > 1  # a run against the lemma would show
+    quotients = lemma_quotients(runs((1.0, 1.2), 0.2, (0.4, 0.5))).squeeze()
+    assert_allclose(quotients["norm_ratio_lower"], 0.9 / 1.2)
+    assert_allclose(quotients["norm_ratio_upper"], 0.9 / 1.0)
+    assert_allclose(quotients["lemma_4_3"], 1.2 / ((1 + 1 / 0.5) * 0.1 + 0.2 / 0.5))
+    assert float(quotients["lemma_4_3"]) > 1  # a run against the lemma would show
     assert float(lemma_quotients(runs((1.0, 1.2), 0.2, (0.1, 0.1)))["lemma_4_3"].squeeze()) < 1
 
 
 @pytest.mark.parametrize("table", [runs((1, 1.2), 0.2, (0, 0)), runs((0, 1e-13), 0.2)], ids=["beta", "error"])
 def test_without_a_beta_or_an_error_there_is_no_ratio(table):
-    found = lemma_quotients(table)
+    quotients = lemma_quotients(table)
     for name in ("norm_ratio_lower", "norm_ratio_upper", "lemma_4_3"):
-        assert np.isnan(found[name]).all()
+        assert np.isnan(quotients[name]).all()

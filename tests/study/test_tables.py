@@ -23,20 +23,20 @@ SCRIPTS = ROOT / "workflow/scripts"
 RUN = ("case", "mesh", "partition")
 
 
-def level(h, case="made_up", error=0.25, known=(0.5, 0.25)):
+def level(h, case="made_up", error=0.25, expected=(0.5, 0.25)):
     """What a sweep gives for one mesh, in small."""
     return xr.Dataset(
         {
             "h1_error": (RUN, np.array([[[error, np.nan]]])),
             "algorithm": (RUN, np.array([[["uzawa", ""]]], dtype=object)),
-            "projection_error": (("case", "partition"), np.array([known])),
+            "projection_error": (("case", "partition"), np.array([expected])),
         },
         coords={"case": [case], "h": ("mesh", [h]), "H": ("partition", [0.5, 0.25])},
     )
 
 
 @pytest.fixture
-def stored(tmp_path):
+def table_file(tmp_path):
     tables.save_table(level(0.5), tmp_path / "errors.nc", "scene")
     return tmp_path / "errors.nc"
 
@@ -64,22 +64,22 @@ def test_a_table_comes_back_as_it_was_with_its_description(tmp_path):
 
 def test_a_table_tells_its_parameters_in_one_order(tmp_path):
     """As JSON, whatever the order in which they are given; without any it says so."""
-    given = [{"scene": {"h": "1/8", "judged": True}, "stop": 0.01}, None]
-    given.append({"stop": 0.01, "scene": {"judged": True, "h": "1/8"}})
-    told = []
+    data = [{"scene": {"h": "1/8", "judged": True}, "stop": 0.01}, None]
+    data.append({"stop": 0.01, "scene": {"judged": True, "h": "1/8"}})
+    report = []
     sums = []
-    for parameters in given:
+    for parameters in data:
         tables.save_table(level(0.5), tmp_path / "errors.nc", "scene", parameters)
-        told.append(json.loads(tables.load_table(tmp_path / "errors.nc").attrs["parameters"]))
+        report.append(json.loads(tables.load_table(tmp_path / "errors.nc").attrs["parameters"]))
         sums.append(digest(tmp_path / "errors.nc"))
-    assert told == [given[0], {}, given[0]]
+    assert report == [data[0], {}, data[0]]
     assert sums[0] == sums[2] != sums[1]
 
 
 def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):
     """CF-1.11: 2.6.1 and 2.6.2 name three attributes, 2.5.1 no missing coordinates, 3.1 units of UDUNITS."""
-    whole = level(0.125).assign(unknowns=("mesh", [9])).assign_coords(mesh=[0])
-    tables.save_table(whole, tmp_path / "errors.nc", "scene")
+    full = level(0.125).assign(unknowns=("mesh", [9])).assign_coords(mesh=[0])
+    tables.save_table(full, tmp_path / "errors.nc", "scene")
     with netCDF4.Dataset(tmp_path / "errors.nc") as file:
         assert file.Conventions == "CF-1.11"
         assert (file.title, file.history) == (
@@ -89,8 +89,8 @@ def test_tables_keep_to_the_conventions_for_climate_and_forecast(tmp_path):
         assert file["unknowns"].dtype == file["mesh"].dtype == np.int32
         assert not any(hasattr(file[name], "_FillValue") for name in ("h", "H", "mesh"))
         assert np.isnan(file["h1_error"]._FillValue)  # control: other variables have one
-    known = {"1", "s", "1/s", "byte/s", "degree", "1048576 byte"}
-    assert {units for _, units, _ in tables.VARIABLES.values()} <= known
+    expected = {"1", "s", "1/s", "byte/s", "degree", "1048576 byte"}
+    assert {units for _, units, _ in tables.VARIABLES.values()} <= expected
 
 
 def test_saving_leaves_the_table_as_it_is(tmp_path):
@@ -109,13 +109,13 @@ def test_two_files_of_one_table_are_byte_identical(tmp_path):
     assert digest(files[0]) == digest(files[1]) != digest(files[2])
 
 
-def test_loading_what_is_not_there():
+def test_a_table_that_is_not_there_is_refused():
     with sentences.raises(InputError):
         tables.load_table("results/none.nc")
 
 
 @pytest.mark.parametrize("content", [b"", b"h\n1\n", b"\x89HDF\r\n\x1a\n"], ids=["empty", "text", "cut"])
-def test_loading_what_is_no_table(tmp_path, content):
+def test_a_file_that_is_no_table_is_refused(tmp_path, content):
     path = tmp_path / "errors.nc"
     path.write_bytes(content)
     with sentences.raises(StorageError):
@@ -131,44 +131,46 @@ def test_a_table_of_another_hand_is_refused(tmp_path):
         tables.load_table(tmp_path / "errors.nc")
 
 
-def test_other_readers_pass_over_the_checksum(stored):
+def test_other_readers_pass_over_the_checksum(table_file):
     """The last line, as `sha256sum` gives it for all before it."""
-    content, _, seal = stored.read_bytes()[:-1].rpartition(b"\n")
+    content, _, seal = table_file.read_bytes()[:-1].rpartition(b"\n")
     assert seal == b"sha256 " + hashlib.sha256(content).hexdigest().encode()
-    xr.testing.assert_identical(xr.load_dataset(stored), tables.load_table(stored))
-    with netCDF4.Dataset(stored) as other:
-        assert other["h1_error"][0, 0, 0] == 0.25
+    xr.testing.assert_identical(xr.load_dataset(table_file), tables.load_table(table_file))
+    with netCDF4.Dataset(table_file) as other_table:
+        assert other_table["h1_error"][0, 0, 0] == 0.25
 
 
-def test_no_flipped_bit_and_no_cut_goes_unnoticed(stored):
+def test_no_flipped_bit_and_no_cut_goes_unnoticed(table_file):
     """200 bits drawn from all of the file, each bit of its last line, and 50 lengths."""
-    whole = stored.read_bytes()
+    full_bytes = table_file.read_bytes()
     rng = np.random.default_rng(1)
     bits = [
-        *rng.integers(8 * len(whole), size=200),
-        *range(8 * (len(whole) - tables.SEAL_BYTES), 8 * len(whole)),
+        *rng.integers(8 * len(full_bytes), size=200),
+        *range(8 * (len(full_bytes) - tables.SEAL_BYTES), 8 * len(full_bytes)),
     ]
     for bit in bits:
-        damaged = bytearray(whole)
+        damaged = bytearray(full_bytes)
         damaged[bit // 8] ^= 1 << bit % 8
-        stored.write_bytes(damaged)
+        table_file.write_bytes(damaged)
         with pytest.raises(StorageError, match="is damaged"):
-            tables.load_table(stored)
-    for length in [*rng.integers(len(whole), size=49), len(whole) - 1]:
-        stored.write_bytes(whole[:length])
+            tables.load_table(table_file)
+    for length in [*rng.integers(len(full_bytes), size=49), len(full_bytes) - 1]:
+        table_file.write_bytes(full_bytes[:length])
         with pytest.raises(StorageError, match="is damaged"):
-            tables.load_table(stored)
-    stored.write_bytes(whole)
-    assert tables.load_table(stored)["h1_error"][0, 0, 0] == 0.25
+            tables.load_table(table_file)
+    table_file.write_bytes(full_bytes)
+    assert tables.load_table(table_file)["h1_error"][0, 0, 0] == 0.25
 
 
-def test_a_flipped_bit_changes_a_value_where_nothing_checks(stored):
+def test_a_flipped_bit_changes_a_value_where_nothing_checks(table_file):
     """Control."""
-    whole = stored.read_bytes()
-    right = xr.load_dataset(stored)
-    place = whole.index(np.array([0.25, np.nan]).tobytes())
-    stored.write_bytes(whole[: place + 6] + bytes([whole[place + 6] ^ 16]) + whole[place + 7 :])
-    assert not xr.load_dataset(stored).equals(right)
+    full_bytes = table_file.read_bytes()
+    right = xr.load_dataset(table_file)
+    place = full_bytes.index(np.array([0.25, np.nan]).tobytes())
+    table_file.write_bytes(
+        full_bytes[: place + 6] + bytes([full_bytes[place + 6] ^ 16]) + full_bytes[place + 7 :]
+    )
+    assert not xr.load_dataset(table_file).equals(right)
 
 
 @pytest.mark.parametrize("size", [0, 4000])
@@ -182,9 +184,9 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
         f"    tables.save_table(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
     )
     command = [sys.executable, "-c", code]
-    found = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: File too large\n", found.stderr)
-    assert found.returncode == 4
+    process = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: File too large\n", process.stderr)
+    assert process.returncode == 4
     assert list(tmp_path.iterdir()) == []
 
 
@@ -192,7 +194,7 @@ PLACES = ("square/errors", "square/rates", "lshape/errors", "cost/errors", "runs
 
 
 @pytest.fixture(scope="module")
-def moved(tmp_path_factory):
+def moved_results(tmp_path_factory):
     """A folder of results that was moved, with a table in each place."""
     results = tmp_path_factory.mktemp("study") / "results"
     for name in PLACES:
@@ -203,20 +205,22 @@ def moved(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_a_table_is_read_in_its_own_place_also_if_that_moved(moved, name):
+def test_a_table_is_read_in_its_own_place_also_if_that_moved(moved_results, name):
     """Control of the next test."""
-    table = tables.load_table(moved / f"{name}.nc")
+    table = tables.load_table(moved_results / f"{name}.nc")
     assert (table.attrs["table"], table["h"]) == (name, 0.5)
 
 
-@pytest.mark.parametrize(("one", "other"), [(a, b) for a in PLACES for b in PLACES if a != b])
-def test_a_table_in_the_place_of_another_is_refused(moved, tmp_path, one, other):
+@pytest.mark.parametrize(("first", "second"), [(a, b) for a in PLACES for b in PLACES if a != b])
+def test_a_table_in_the_place_of_another_is_refused(moved_results, tmp_path, first, second):
     """Of a scene, a rule or an experiment."""
-    path = tmp_path / f"{other}.nc"
+    path = tmp_path / f"{second}.nc"
     path.parent.mkdir()
-    shutil.copy(moved / f"{one}.nc", path)
-    said = f"{path} is the table '{one}', and '{other}' is expected; 'snakemake -j2 -f {path}' makes it anew"
-    with pytest.raises(StorageError, match=re.escape(said)):
+    shutil.copy(moved_results / f"{first}.nc", path)
+    text = (
+        f"{path} is the table '{first}', and '{second}' is expected; 'snakemake -j2 -f {path}' makes it anew"
+    )
+    with pytest.raises(StorageError, match=re.escape(text)):
         tables.load_table(path)
 
 
@@ -232,7 +236,7 @@ STUDY = {"scenes": {"square": {"H": ["1/8", "1/16"]}, "lshape": {}}}
 
 
 @pytest.fixture
-def made(tmp_path):
+def made_table(tmp_path):
     """A table that is made by a rule with the fields of a scene."""
     with table_origin.stamp_rule("solve"):
         tables.save_table(
@@ -241,10 +245,10 @@ def made(tmp_path):
     return tmp_path / "errors.nc"
 
 
-@pytest.mark.parametrize("other", [{}, {"scenes": {**STUDY["scenes"], "lshape": {"H": ["1/8"]}}}])
-def test_a_table_that_was_made_with_what_there_is_now_is_read(made, other):
+@pytest.mark.parametrize("second", [{}, {"scenes": {**STUDY["scenes"], "lshape": {"H": ["1/8"]}}}])
+def test_a_table_that_was_made_with_what_there_is_now_is_read(made_table, second):
     """Control of the next tests. Fields of another scene do not matter."""
-    assert tables.load_table(made, STUDY | other)["h"] == 0.5
+    assert tables.load_table(made_table, STUDY | second)["h"] == 0.5
 
 
 OLDER = {
@@ -256,9 +260,9 @@ OLDER = {
 
 
 @pytest.mark.parametrize("change", OLDER)
-def test_a_table_that_was_made_with_other_parameters_is_refused(made, change):
-    with sentences.raises(StorageError, str(made)):
-        tables.load_table(made, {"scenes": {"square": OLDER[change]}})
+def test_a_table_that_was_made_with_other_parameters_is_refused(made_table, change):
+    with sentences.raises(StorageError, str(made_table)):
+        tables.load_table(made_table, {"scenes": {"square": OLDER[change]}})
 
 
 def test_levels_are_put_along_mesh():
@@ -274,7 +278,7 @@ def test_levels_are_put_along_mesh():
 
 def test_what_no_mesh_changes_is_that_of_the_first_level_that_has_it():
     nan = np.nan
-    table = tables.join_levels([level(0.5, known=(nan, nan)), level(0.25, known=(nan, 2)), level(0.1)])
+    table = tables.join_levels([level(0.5, expected=(nan, nan)), level(0.25, expected=(nan, 2)), level(0.1)])
     assert table["projection_error"].values.tolist() == [[0.5, 2]]
     assert table["h"].values.tolist() == [0.5, 0.25, 0.1]
 
@@ -312,5 +316,5 @@ def test_nan_is_empty_and_integers_and_strings_are_untouched(tmp_path):
     assert rows == [["x", "n", "name"], ["", "1234567", "thirds"], ["1.5", "0", "0.123456"]]
 
 
-def test_a_column_of_nothing_but_nan(tmp_path):
+def test_a_column_of_nothing_but_nan_is_empty(tmp_path):
     assert written_csv(tmp_path, x=[np.nan, np.nan], n=[1, 2])[1:] == [["", "1"], ["", "2"]]

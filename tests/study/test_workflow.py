@@ -28,22 +28,22 @@ configuration.check(STUDY, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory):
+def planned_jobs(tmp_path_factory):
     """All jobs, of a copy of the project in which nothing is made yet. Snakemake plans for seconds."""
     tree = copy_project(tmp_path_factory.mktemp("study"))
     command = [sys.executable, Path(__file__).with_name("planned.py"), "all", "quick"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=120)
-    assert found.returncode == 0, found.stderr
-    return json.loads(found.stdout.splitlines()[-1])
+    process = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 0, process.stderr
+    return json.loads(process.stdout.splitlines()[-1])
 
 
 @pytest.fixture
-def plan(planned):
+def plan(planned_jobs):
     """The jobs that a file or a rule needs: how many of each rule, and their files."""
 
-    def of(target):
-        makers = {file: job for job in planned for file in job["output"]}
-        waiting = [job for job in planned if target in (job["rule"], *job["output"])]
+    def list_needed_jobs(target):
+        makers = {file: job for job in planned_jobs for file in job["output"]}
+        waiting = [job for job in planned_jobs if target in (job["rule"], *job["output"])]
         assert waiting
         needed = []
         while waiting:
@@ -54,7 +54,7 @@ def plan(planned):
         files = {file for job in needed for file in [*job["input"], *job["output"]]}
         return files, dict(Counter(job["rule"] for job in needed))
 
-    return of
+    return list_needed_jobs
 
 
 def built(files):
@@ -83,29 +83,29 @@ PLANS = {
 def test_a_target_plans_what_it_needs_and_no_other_scene_or_figure(plan, target):
     files, jobs = plan(target)
     assert (jobs, built(files)) == PLANS[target]
-    own = (
+    outputs = (
         {str(Path(target).with_suffix(kind)) for kind in (".csv", ".svg")}
         if target.startswith("figures")
         else set()
     )
-    assert {file for file in files if re.fullmatch(r"figures/\w+\.(csv|svg)", file)} == own
+    assert {file for file in files if re.fullmatch(r"figures/\w+\.(csv|svg)", file)} == outputs
 
 
-def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planned):
+def test_everything_that_is_computed_is_a_target_of_the_whole_study(plan, planned_jobs):
     """So that what is missing is made anew: Snakemake itself does not miss what lies between two files."""
-    (targets,) = [job["input"] for job in planned if job["rule"] == "all"]
+    (targets,) = [job["input"] for job in planned_jobs if job["rule"] == "all"]
     files, _ = plan("all")
-    computed = {
+    result_files = {
         file for file in files if file.startswith("results/") and file.endswith((".nc", ".json", ".vtu"))
     }
-    assert len(computed) > 50
-    assert computed <= set(targets)
-    assert {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads} <= computed
+    assert len(result_files) > 50
+    assert result_files <= set(targets)
+    assert {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads} <= result_files
 
 
 def field(path):
     """A field of the configuration by its path, such as cost.base."""
-    return reduce(lambda held, name: held[int(name) if name.isdigit() else name], path.split("."), STUDY)
+    return reduce(lambda branch, name: branch[int(name) if name.isdigit() else name], path.split("."), STUDY)
 
 
 TABLES = {
@@ -145,54 +145,58 @@ PARAMS = {
 """The fields of the configuration that rules are given."""
 
 
-def of_rules(planned, rules):
+def select_rules(planned, rules):
     """The jobs of these rules, each of which has one."""
-    found = [job for job in planned if job["rule"] in rules]
-    assert {job["rule"] for job in found} == set(rules)
-    return found
+    jobs = [job for job in planned if job["rule"] in rules]
+    assert {job["rule"] for job in jobs} == set(rules)
+    return jobs
 
 
-def test_the_tables_of_a_scene_are_made_from_its_own_and_stand_in_its_folder(planned):
-    for job in of_rules(planned, TABLES):
+def test_the_tables_of_a_scene_are_made_from_its_own_and_stand_in_its_folder(planned_jobs):
+    for job in select_rules(planned_jobs, TABLES):
         folder = f"results/{job['wildcards']['scene']}/"
         assert job["output"] == [folder + name for name in TABLES[job["rule"]]]
         named = {
             name: files for name, files in job["named"].items() if files
         }  # no norm where there is no lambda
-        wanted = {name: folder + file for name, file in READ.get(job["rule"], {}).items() if name in named}
-        assert named == wanted
+        expected = {name: folder + file for name, file in READ.get(job["rule"], {}).items() if name in named}
+        assert named == expected
         assert named or job["rule"] in ("dual_norm", "solve")
         results = [file for file in job["input"] if file.startswith("results/")]
         assert sorted(results) == sorted(named.values())
 
 
-def test_a_job_is_given_the_fields_of_the_configuration_that_are_its_own(planned):
-    for job in of_rules(planned, PARAMS):
-        given = job["params"]
-        wanted = {name: field(path.format(**job["wildcards"])) for name, path in PARAMS[job["rule"]].items()}
-        assert {name: given[name] for name in wanted} == wanted, job["output"]
-        rest = given.keys() - wanted.keys()
-        assert rest == {"code"}, job["rule"]
+def test_a_job_is_given_the_fields_of_the_configuration_that_are_its_own(planned_jobs):
+    for job in select_rules(planned_jobs, PARAMS):
+        params = job["params"]
+        expected_fields = {
+            name: field(path.format(**job["wildcards"])) for name, path in PARAMS[job["rule"]].items()
+        }
+        assert {name: params[name] for name in expected_fields} == expected_fields, job["output"]
+        remaining = params.keys() - expected_fields.keys()
+        assert remaining == {"code"}, job["rule"]
 
 
-def test_surveys_write_their_tables_in_their_order(planned):
-    (job,) = of_rules(planned, ["surveys"])
+def test_surveys_write_their_tables_in_their_order(planned_jobs):
+    (job,) = select_rules(planned_jobs, ["surveys"])
     assert job["output"] == [f"results/{name}/infsup.nc" for name in STUDY["surveys"]]
 
 
-def test_a_job_depends_on_the_cases_of_its_scene(planned):
+def test_a_job_depends_on_the_cases_of_its_scene(planned_jobs):
     """And on no other."""
     cases = {name: scene["cases"] for name, scene in STUDY["scenes"].items()}
-    own = {name: STUDY[name]["cases"] for name in ("cells", "algorithm")}
-    for job in of_rules(planned, ["dual_norm", "solve", "rates", "totals", "floors", "cells", "algorithm"]):
-        wanted = own.get(job["rule"]) or cases[job["wildcards"]["scene"]]
-        found = [file for file in job["input"] if file.startswith("manufactured/")]
-        assert sorted(found) == sorted(f"manufactured/{name}.yaml" for name in wanted)
+    original = {name: STUDY[name]["cases"] for name in ("cells", "algorithm")}
+    for job in select_rules(
+        planned_jobs, ["dual_norm", "solve", "rates", "totals", "floors", "cells", "algorithm"]
+    ):
+        expected = original.get(job["rule"]) or cases[job["wildcards"]["scene"]]
+        files = [file for file in job["input"] if file.startswith("manufactured/")]
+        assert sorted(files) == sorted(f"manufactured/{name}.yaml" for name in expected)
 
 
-def test_a_table_of_cost_is_made_for_each_axis_with_the_norms_of_its_scenes(planned):
+def test_a_table_of_cost_is_made_for_each_axis_with_the_norms_of_its_scenes(planned_jobs):
     """What only documents and figures read is no parameter, so that it runs nothing again."""
-    (job,) = of_rules(planned, ["cost"])
+    (job,) = select_rules(planned_jobs, ["cost"])
     cost = STUDY["cost"]
     assert job["output"] == [f"results/cost/{axis}.nc" for axis in cost["axes"]]
     assert job["named"] == {"norms": [f"results/{scene}/dual_norm.nc" for scene in cost["h"]]}
@@ -213,53 +217,53 @@ TOLD = {
 """The tables of experiments of which documents tell."""
 
 
-def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):
+def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned_jobs):
     """Those of `scenes` are of all judged scenes, and of those with totals."""
-    (job,) = of_rules(planned, ["document_numbers"])
+    (job,) = select_rules(planned_jobs, ["document_numbers"])
     judged = [name for name, scene in STUDY["scenes"].items() if scene["judged"]]
-    wanted = {f"results/{scene}/rates.nc" for scene in judged}
-    wanted |= {f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]}
-    wanted |= {"results/claims.json", "results/square/floors.nc", "figures/infsup.csv"}
-    wanted |= {f"benchmarks/{name}" for name in BENCHMARKS}
+    expected = {f"results/{scene}/rates.nc" for scene in judged}
+    expected |= {f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]}
+    expected |= {"results/claims.json", "results/square/floors.nc", "figures/infsup.csv"}
+    expected |= {f"benchmarks/{name}" for name in BENCHMARKS}
     for experiment, tables in TOLD.items():
-        wanted |= {f"results/{experiment}/{table}.nc" for table in tables}
-    assert set(job["input"]) == wanted
+        expected |= {f"results/{experiment}/{table}.nc" for table in tables}
+    assert set(job["input"]) == expected
 
 
-def test_the_ledger_is_judged_by_all_tables_that_its_claims_read(planned):
-    (job,) = of_rules(planned, ["claims"])
-    wanted = {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads}
-    assert (set(job["named"]["tables"]), job["output"]) == (wanted, ["results/claims.json"])
+def test_the_ledger_is_judged_by_all_tables_that_its_claims_read(planned_jobs):
+    (job,) = select_rules(planned_jobs, ["claims"])
+    expected = {f"results/{name}.nc" for claim in claims.load_ledger() for name in claim.reads}
+    assert (set(job["named"]["tables"]), job["output"]) == (expected, ["results/claims.json"])
 
 
-def test_a_figure_of_a_scene_reads_the_tables_of_that_scene(planned):
+def test_a_figure_of_a_scene_reads_the_tables_of_that_scene(planned_jobs):
     """Its name says of which; what a figure reads is named as the file is."""
-    found = 0
-    for job in of_rules(planned, ["draw_rates"]):
+    count = 0
+    for job in select_rules(planned_jobs, ["draw_rates"]):
         (scene,) = {Path(file).stem.rpartition("_")[2] for file in job["output"]}
         if scene in STUDY["scenes"]:
-            found += 1
+            count += 1
             assert built(job["input"]) == {scene}, job["output"]
-    assert found == len(STUDY["figures"]["rates"]["scenes"])
+    assert count == len(STUDY["figures"]["rates"]["scenes"])
 
 
-def test_a_file_of_results_has_one_rule(planned):
-    made = Counter(file for job in planned for file in job["output"])
-    assert made
-    assert set(made.values()) == {1}
+def test_a_file_of_results_has_one_rule(planned_jobs):
+    counter = Counter(file for job in planned_jobs for file in job["output"])
+    assert counter
+    assert set(counter.values()) == {1}
 
 
-def test_the_stored_manifest_names_every_file_and_its_rule(plan, planned):
+def test_the_stored_manifest_names_every_file_and_its_rule(plan, planned_jobs):
     """Those that the whole study makes, but those of the machine, the manifest, and what is told of it."""
     files, _ = plan("all")
-    made = {(file, job["rule"]) for job in planned for file in job["output"] if file in files}
-    known = {
+    planned_files = {(file, job["rule"]) for job in planned_jobs for file in job["output"] if file in files}
+    expected = {
         (file, rule)
-        for file, rule in made
+        for file, rule in planned_files
         if not file.endswith("timings.nc") and rule not in ("manifest", "pages", "curves")
     }
     manifest = json.loads((ROOT / "results/manifest.json").read_text())["files"]
-    assert {(file["path"], file["rule"]) for file in manifest} == known
+    assert {(file["path"], file["rule"]) for file in manifest} == expected
     assert len(manifest) > 100
 
 
@@ -268,16 +272,16 @@ SNAKEMAKE = 350
 """MB that Snakemake's own two processes took in a job of Slurm."""
 
 
-def over(planned, share=1.0):
+def select_above_share(planned, share=1.0):
     """The jobs of the study that took more than this share of the memory that they ask for, by their logs."""
-    told = {job["log"][0]: job for job in planned if job["log"] and not job["log"][0].endswith("/quick.log")}
-    peaks = {log: int(PEAK.search((ROOT / log).read_text(encoding="utf-8"))[1]) for log in told}
+    jobs = {job["log"][0]: job for job in planned if job["log"] and not job["log"][0].endswith("/quick.log")}
+    peaks = {log: int(PEAK.search((ROOT / log).read_text(encoding="utf-8"))[1]) for log in jobs}
     assert len(peaks) > 50
-    return [log for log, peak in peaks.items() if SNAKEMAKE + peak > share * told[log]["mem_mb"]]
+    return [log for log, peak in peaks.items() if SNAKEMAKE + peak > share * jobs[log]["mem_mb"]]
 
 
-def test_every_job_stayed_below_the_memory_that_it_asks_for(planned):
-    assert over(planned) == []
+def test_every_job_stayed_below_the_memory_that_it_asks_for(planned_jobs):
+    assert select_above_share(planned_jobs) == []
 
 
 def test_a_further_attempt_asks_for_twice_as_much():
@@ -289,14 +293,14 @@ def test_a_further_attempt_asks_for_twice_as_much():
     assert [asked["runtime"]({}, attempt) for attempt in (1, 2, 3)] == [5, 10, 20]
 
 
-def test_jobs_that_ask_for_too_little_are_noticed(planned):
+def test_jobs_that_ask_for_too_little_are_noticed(planned_jobs):
     """Control: with half of it some are over."""
-    assert over(planned, share=0.5)
+    assert select_above_share(planned_jobs, share=0.5)
 
 
-def test_each_rule_has_its_script_its_code_and_a_log_of_its_name(planned):
+def test_each_rule_has_its_script_its_code_and_a_log_of_its_name(planned_jobs):
     """The code is a parameter, so a change of it runs the job again."""
-    scripts = [job for job in planned if job["script"]]
+    scripts = [job for job in planned_jobs if job["script"]]
     assert {job["rule"] for job in scripts} == {file.stem for file in SCRIPTS}
     for job in scripts:
         assert job["script"] == f"../scripts/{job['rule']}.py"
@@ -311,23 +315,25 @@ def digest(rule):
         return code.digest_program(f"workflow/scripts/{rule}.py")
 
 
-def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned):
+def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned_jobs):
     """Seconds and memory differ from run to run, so nothing reads them, and nothing misses them."""
-    measured = {job["rule"]: job["benchmark"] for job in planned if job["benchmark"]}
+    measured = {job["rule"]: job["benchmark"] for job in planned_jobs if job["benchmark"]}
     assert measured.keys() >= {"solve", "surveys", "sharpness", "adaptive", "extremes", "graded"}
     for rule, path in measured.items():
         assert re.fullmatch(rf"results/benchmarks/{rule}(/.*)?\.tsv", path)
-    assert not [file for job in planned for file in job["input"] if file.startswith("results/benchmarks")]
+    assert not [
+        file for job in planned_jobs for file in job["input"] if file.startswith("results/benchmarks")
+    ]
 
 
 NAME = re.compile(r"snakemake\.(input|output|params)\.(\w+)")
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_takes_what_its_rule_names(planned, script):
+def test_a_script_takes_what_its_rule_names(planned_jobs, script):
     """Everything that it names but the digest of the code, and nothing else."""
-    taken = set(NAME.findall(script.read_text()))
-    jobs = [job for job in planned if job["rule"] == script.stem]
+    selected = set(NAME.findall(script.read_text()))
+    jobs = [job for job in planned_jobs if job["rule"] == script.stem]
     assert jobs
     for job in jobs:
         named = {(kind, name) for kind, names in job["names"].items() for name in names}
@@ -336,7 +342,7 @@ def test_a_script_takes_what_its_rule_names(planned, script):
             named = {(kind, name) for kind, name in named if kind != "input"} | {("input", "items")}
         if script.stem == "documents":
             assert job["unnamed"]
-        assert taken == named
+        assert selected == named
 
 
 def test_no_absolute_path_in_the_workflow():
@@ -344,7 +350,7 @@ def test_no_absolute_path_in_the_workflow():
         assert not re.search(r"""(^|[\s"'])(/[a-z]\w*/|~/)""", file.read_text()), file
 
 
-def test_an_edited_document_is_filled_anew(planned):
+def test_an_edited_document_is_filled_anew(planned_jobs):
     """It is an output, and so newer than what it is made from; but its rule is given its digest."""
-    (job,) = of_rules(planned, ["documents"])
+    (job,) = select_rules(planned_jobs, ["documents"])
     assert job["unnamed"] == [[marks.digest_prose(ROOT / name) for name in STUDY["documents"]]]

@@ -45,19 +45,19 @@ def test_functions_give_the_solution_of_their_formulas():
         SQUARE, f=lambda x, y: x - 2, g=[lambda x, y: -x * y / 2, "-y/2", lambda x, y: -x / 2, 0]
     )
     stop = ul.Stop(tolerance=1e-10)
-    of_formulas = ul.solve(formulas, **SIZES, stop=stop)
-    of_functions = ul.solve(functions, **SIZES, stop=stop)
-    np.testing.assert_allclose(of_functions.u, of_formulas.u, rtol=0, atol=1e-8)
-    assert of_functions.errors is None
-    assert of_functions.bounds.u == pytest.approx(of_formulas.bounds.u, rel=1e-6)
-    assert of_functions.bounds.multiplier == pytest.approx(of_formulas.bounds.multiplier, rel=1e-6)
+    formula_solution = ul.solve(formulas, **SIZES, stop=stop)
+    function_solution = ul.solve(functions, **SIZES, stop=stop)
+    np.testing.assert_allclose(function_solution.u, formula_solution.u, rtol=0, atol=1e-8)
+    assert function_solution.errors is None
+    assert function_solution.bounds.u == pytest.approx(formula_solution.bounds.u, rel=1e-6)
+    assert function_solution.bounds.multiplier == pytest.approx(formula_solution.bounds.multiplier, rel=1e-6)
     with sentences.raises(ul.InputError):
         ul.solve(functions, accuracy=0.1)
 
 
 @pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
 @pytest.mark.parametrize(
-    ("f", "g", "said"),
+    ("f", "g", "message"),
     [
         (lambda x, y: np.sqrt(x - 0.5), 0, "problem, field f: the function is nan at"),
         (-1, lambda x, y: 1 / (0 * x), r"problem, field g\[0\]: the function is inf at \(0"),
@@ -68,9 +68,9 @@ def test_functions_give_the_solution_of_their_formulas():
         ),
     ],
 )
-def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
+def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, message):
     """An iteration on such data would never end."""
-    with pytest.raises(ul.InputError, match=said):
+    with pytest.raises(ul.InputError, match=message):
         ul.solve(ul.Problem(SQUARE, f=f, g=g), **SIZES, stop=ul.Stop(algorithm=algorithm))
 
 
@@ -121,13 +121,13 @@ def test_a_function_that_does_not_give_a_number_for_each_point_is_refused(functi
         ("f", lambda: ul.solve(ul.Problem(SQUARE, f=function, g=0), **SIZES)),
         ("g", lambda: ul.Problem(ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)]), f=0, g=function)),
     ):
-        with pytest.raises(ul.InputError) as told:
+        with pytest.raises(ul.InputError) as error:
             solve()
-        assert re.match(rf"problem, field {field}(\[0\])?[:,] ", str(told.value))
-        assert all(reason in str(told.value) for reason in reasons), told.value
+        assert re.match(rf"problem, field {field}(\[0\])?[:,] ", str(error.value))
+        assert all(reason in str(error.value) for reason in reasons), error.value
 
 
-def test_functions_of_one_number_for_all_points_of_other_types_and_ones_that_overwrite_theirs():
+def test_functions_of_any_type_and_ones_that_overwrite_their_arguments_give_the_same_u():
     """All are -1 - x or -1; the last is what a message on a function of single points says."""
     formulas = {form: ul.solve(ul.Problem(SQUARE, f=form, g=0), **SIZES).u for form in ("-1 - x", "-1")}
 
@@ -141,8 +141,8 @@ def test_functions_of_one_number_for_all_points_of_other_types_and_ones_that_ove
         "-1 - x": [overwriting, np.vectorize(lambda x, y: -1 - x, otypes=[float]), lambda x, y, k=1: -k - x],
     }.items():
         for f in functions:
-            found = ul.solve(ul.Problem(SQUARE, f=f, g=0), **SIZES).u
-            np.testing.assert_allclose(found, formulas[form], rtol=0, atol=1e-4)
+            u = ul.solve(ul.Problem(SQUARE, f=f, g=0), **SIZES).u
+            np.testing.assert_allclose(u, formulas[form], rtol=0, atol=1e-4)
 
 
 def test_functions_that_jump_at_a_vertex_are_refused():
@@ -158,14 +158,20 @@ def test_functions_that_jump_at_a_vertex_are_refused():
 
 @pytest.mark.parametrize("size", [1e-130, 1.0, 1e130])
 def test_what_counts_as_a_jump_is_relative_to_the_functions(size):
-    one, near, off = (lambda x, y, by=by: size * (1 + by) + 0 * x for by in (0, 1e-9, 1e-7))
+
+    def constant(change):
+        return lambda x, y: size * (1 + change) + 0 * x
+
+    same = constant(0)
+    near = constant(1e-9)
+    far = constant(1e-7)
     mesh = ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)])
-    assert ul.Problem(mesh, f=0, g=[one, near, near, near]).g
+    assert ul.Problem(mesh, f=0, g=[same, near, near, near]).g
     with pytest.raises(ul.InputError, match="it jumps at vertex 0"):
-        ul.Problem(mesh, f=0, g=[one, off, off, off])
+        ul.Problem(mesh, f=0, g=[same, far, far, far])
 
 
-def test_errors_and_bounds_of_a_case():
+def test_bounds_of_a_case_are_above_its_errors():
     """The bounds are above the errors, 30 % and 10 % at most; the dual norm lies between its bounds."""
     s = ul.solve(ul.case("natural"), **SIZES)
     assert s.errors.h1 <= s.bounds.u <= 1.3 * s.errors.h1
@@ -176,23 +182,23 @@ def test_errors_and_bounds_of_a_case():
 
 
 def test_an_accuracy_is_certified_and_its_levels_are_told():
-    told = []
-    s = ul.solve(ul.load(DATA / "problems/triangle.yaml"), accuracy=0.2, tell=told.append)
+    messages = []
+    s = ul.solve(ul.load(DATA / "problems/triangle.yaml"), accuracy=0.2, tell=messages.append)
     assert s.certified
-    assert len(told) == len(s.search.levels)
-    assert s.iterations == sum(level.solved.result.iterations for level in told)
+    assert len(messages) == len(s.search.levels)
+    assert s.iterations == sum(level.solved.result.iterations for level in messages)
 
 
 def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound():
     """By the bound that the solution has, rounded up; neither a reached one nor a plan is warned of."""
-    with pytest.warns(ul.SolutionWarning) as told:
+    with pytest.warns(ul.SolutionWarning) as caught:
         s = ul.solve(ul.case("natural"), accuracy="1/1000", max_unknowns=100)
     bound = format_up(s.bounds.u, ".4e")
     share = format_up(s.certificate()["h1_relative_bound"], ".3g")
     why = "the accuracy 0.001 is not certified: out of budget (max_unknowns=100)"
-    said = f"{why}; reached is {share} of ||u||_1, or {bound}"
-    assert [str(each.message) for each in told] == [said]
-    assert told[0].filename == __file__
+    text = f"{why}; reached is {share} of ||u||_1, or {bound}"
+    assert [str(warning.message) for warning in caught] == [text]
+    assert caught[0].filename == __file__
     assert not s.certified
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -208,10 +214,10 @@ def test_an_accuracy_that_was_missed_is_warned_of_with_the_reason_and_the_bound(
     ],
 )
 def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
-    with pytest.warns(ul.SolutionWarning) as told:
+    with pytest.warns(ul.SolutionWarning) as warnings:
         s = ul.solve(ul.case("natural"), **sizes)
-    said = [str(each.message) for each in told if each.category is ul.SolutionWarning]
-    assert said == [f"lambda_H may not be unique, because beta is 0 up to rounding; {advice}"]
+    texts = [str(warning.message) for warning in warnings if warning.category is ul.SolutionWarning]
+    assert texts == [f"lambda_H may not be unique, because beta is 0 up to rounding; {advice}"]
     assert not s.unique
     assert ul.solve(ul.case("natural"), h=0.5, H=1).unique
 
@@ -220,8 +226,8 @@ def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
     """Nobody can give its h. Where each side has two edges it says to take larger cells, and that helps."""
     write_mesh(make_structured_mesh(square(), 1), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
-    alone = r"two edges of the mesh or more, and side 0 is one; take ul\.mesh\(mesh, halvings=1\)$"
-    with pytest.warns(ul.SolutionWarning, match=alone):
+    single = r"two edges of the mesh or more, and side 0 is one; take ul\.mesh\(mesh, halvings=1\)$"
+    with pytest.warns(ul.SolutionWarning, match=single):
         ul.solve(ul.Problem(mesh.polygon, f=-1, g=0), H=1, mesh=mesh)
     finer = ul.mesh(mesh, halvings=1)
     with pytest.warns(ul.SolutionWarning, match="take larger cells, or refine the mesh at the boundary$"):
@@ -231,16 +237,18 @@ def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
 
 def test_an_iteration_that_did_not_converge_is_warned_of_once():
     """At the call, with the bound that is left; control: without the limit of its steps it converges."""
-    for wanted, said in (
+    for expected, message in (
         (SIZES, r"the iteration did not converge: the algebraic error is at most \S+ after 3 steps; "),
         ({"accuracy": 1e-3}, r"not certified: the iteration did not converge \(max_steps=, .*; reached is "),
     ):
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as report:
             warnings.simplefilter("always")
-            s = ul.solve("natural", **wanted, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
+            s = ul.solve("natural", **expected, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
         assert not s.converged
-        assert [(each.category, each.filename) for each in told] == [(ul.SolutionWarning, __file__)]
-        assert re.search(said, str(told[0].message))
+        assert [(warning.category, warning.filename) for warning in report] == [
+            (ul.SolutionWarning, __file__)
+        ]
+        assert re.search(message, str(report[0].message))
     with warnings.catch_warnings(action="error"):
         assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm="uzawa")).converged
 
@@ -273,12 +281,12 @@ def test_a_tolerance_below_rounding_ends_soon_and_is_told(algorithm):
 def test_an_accuracy_within_reach_is_told_in_the_terms_of_the_one_that_was_missed(absolute, monkeypatch):
     """Relative ones as parts of the norm, absolute ones as errors; the one in reach is above that wanted."""
     monkeypatch.setattr(forecast, "MIN_PLAN_UNKNOWNS", 400)
-    with pytest.warns(ul.SolutionWarning) as told:
+    with pytest.warns(ul.SolutionWarning) as warnings:
         s = ul.solve("natural", accuracy=1e-9, absolute=absolute)
     reached = format_up(s.search.best.total, ".4e")
     if not absolute:
         reached = f"{format_up(s.certificate()['h1_relative_bound'], '.3g')} of ||u||_1, or {reached}"
-    message = str(told[0].message)
+    message = str(warnings[0].message)
     assert message.startswith("the accuracy 1e-09 is not certified: out of reach (")
     assert message.endswith(f"; reached is {reached}; an accuracy of {s.search.reach:g} is within reach")
     assert "max_memory=" not in message
@@ -297,7 +305,7 @@ def test_names_and_texts_are_taken_for_what_they_mean(tmp_path):
 def test_numbers_of_other_libraries_are_taken_exactly():
     """As the formulas that they mean; sides may be counted by NumPy, and None is no side and no flux."""
     formulas = ul.Problem(SQUARE, f="-1/3", g="1/4", k="1/10", free_sides=[2])
-    given = ul.Problem(
+    problem = ul.Problem(
         np.array(SQUARE, dtype=np.int8),
         f=Fraction(-1, 3),
         g=np.float32(0.25),
@@ -306,8 +314,8 @@ def test_numbers_of_other_libraries_are_taken_exactly():
         free_sides=np.array([2]),
         q=None,
     )
-    assert (given.f, given.g, given.k, given.c) == (formulas.f, formulas.g, formulas.k, formulas.c)
-    assert given.free_sides == (2,)
+    assert (problem.f, problem.g, problem.k, problem.c) == (formulas.f, formulas.g, formulas.k, formulas.c)
+    assert problem.free_sides == (2,)
     assert ul.Problem(SQUARE, f=0, g=0, free_sides=None).free_sides == ()
 
 
@@ -320,10 +328,10 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     """289 unknowns take 0.1 MB, sharply 1.4 MB; control: those that are known."""
     monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 1.0)
     s = ul.solve("natural", **SIZES)
-    with pytest.warns(ul.SolutionWarning) as told:
+    with pytest.warns(ul.SolutionWarning) as caught:
         assert s.sharp_bounds is None
-    said = "no guaranteed bound: it takes about 1 MB, and 1 MB are free"
-    assert [(str(each.message), each.filename) for each in told] == [(said, __file__)]
+    text = "no guaranteed bound: it takes about 1 MB, and 1 MB are free"
+    assert [(str(warning.message), warning.filename) for warning in caught] == [(text, __file__)]
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0
         monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 0.0)
@@ -333,10 +341,14 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
 def test_relative_bounds_are_parts_of_lower_bounds_of_the_norms():
     """The bound over the discrete norm less the bound, or a little more for rounding; NaN for u = 0."""
     s = ul.solve("natural", **SIZES)
-    for sharp, of in ((False, s.bounds), (True, s.sharp_bounds)):
-        size = energy_norm(s.mesh, s.u) - of.u
-        assert of.u / size <= of.relative_u <= (1 + 1e-6) * of.u / size
-        assert of.relative_multiplier == make_solution_record(s, of, None, sharp)["hm12_relative_bound"] > 0
+    for sharp, bounds in ((False, s.bounds), (True, s.sharp_bounds)):
+        size = energy_norm(s.mesh, s.u) - bounds.u
+        assert bounds.u / size <= bounds.relative_u <= (1 + 1e-6) * bounds.u / size
+        assert (
+            bounds.relative_multiplier
+            == make_solution_record(s, bounds, None, sharp)["hm12_relative_bound"]
+            > 0
+        )
     exact = energy_norm(s.mesh, s.problem.exact.value_and_gradient(s.mesh.points)[0])
     assert s.errors.h1 / exact < s.bounds.relative_u
     nothing = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES).bounds
@@ -347,18 +359,18 @@ def test_relative_bounds_are_parts_of_lower_bounds_of_the_norms():
 def test_bounds_that_are_withdrawn_and_levels_that_are_refused_are_told(monkeypatch):
     """A fault that nobody knows of is simulated: the levels' bounds are said to contradict each other."""
     monkeypatch.setattr("unilateral.adaptive.level.contradict", lambda a, b: True)
-    with pytest.warns(ul.SolutionWarning) as told:
+    with pytest.warns(ul.SolutionWarning) as warnings:
         s = ul.solve("natural", accuracy=0.3)
     assert not s.certified
     assert s.bounds is None
     number = len(s.search.levels)
     assert f"{number} bounds withdrawn, because they contradict each other; please report it" in str(
-        told[0].message
+        warnings[0].message
     )
-    assert "not certified: bounds contradict each other; no bound is left" in str(told[1].message)
+    assert "not certified: bounds contradict each other; no bound is left" in str(warnings[1].message)
 
 
-def test_a_mesh_of_one_s_own(tmp_path):
+def test_a_mesh_of_one_s_own_gives_the_bounds_of_the_same_mesh(tmp_path):
     """Its outline is the polygon; h is not given; on another polygon it is refused.
 
     What is unknown of these f and g is rounding, of which a mesh that was refined has more: some 1e-13.
@@ -366,10 +378,10 @@ def test_a_mesh_of_one_s_own(tmp_path):
     write_mesh(make_structured_mesh(square(), 1 / 8), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
     problem = ul.Problem(mesh.polygon, f=-1, g="-x*y/2")
-    found = ul.solve(problem, H=1 / 4, mesh=mesh)
+    solution = ul.solve(problem, H=1 / 4, mesh=mesh)
     same = ul.solve(problem, h=1 / 8, H=1 / 4)
-    assert found.bounds.u == pytest.approx(same.bounds.u, rel=1e-6)
-    assert found.bounds.multiplier == pytest.approx(same.bounds.multiplier, rel=1e-6)
+    assert solution.bounds.u == pytest.approx(same.bounds.u, rel=1e-6)
+    assert solution.bounds.multiplier == pytest.approx(same.bounds.multiplier, rel=1e-6)
     with sentences.raises(ul.InputError, "leave h out"):
         ul.solve(problem, h=1 / 8, H=1 / 4, mesh=mesh)
     with sentences.raises(ul.InputError, "mesh"):
@@ -427,7 +439,7 @@ def test_what_does_not_fit_together_is_refused(arguments, message):
 
 
 @pytest.mark.parametrize(
-    ("of", "message"),
+    ("argument", "message"),
     [
         (lambda: ul.solve(3, **SIZES), "3 is not a problem; take ul.Problem"),
         (lambda: ul.solve("naturl", **SIZES), "natural"),
@@ -454,14 +466,14 @@ def test_what_does_not_fit_together_is_refused(arguments, message):
         (lambda: ul.Stop(algorithm=None), "the algorithm 'None' is unknown"),
     ],
 )
-def test_what_is_no_problem_no_path_and_no_number_is_refused(of, message):
+def test_what_is_no_problem_no_path_and_no_number_is_refused(argument, message):
     with pytest.raises(ul.InputError, match=message):
-        of()
+        argument()
 
 
 @pytest.mark.parametrize("name", ["max_unknowns", "max_seconds", "max_memory"])
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("data", "message"),
     [
         ("x", "'x' is unknown"),
         ([3], r"is \[3\]; it has to be a number"),
@@ -469,9 +481,9 @@ def test_what_is_no_problem_no_path_and_no_number_is_refused(of, message):
         (-1, "above 0"),
     ],
 )
-def test_limits_that_are_none_are_refused(name, given, message):
+def test_limits_that_are_none_are_refused(name, data, message):
     with pytest.raises(ul.InputError, match=f"{name}.*{message}"):
-        ul.solve(ul.case("natural"), accuracy=0.1, **{name: given})
+        ul.solve(ul.case("natural"), accuracy=0.1, **{name: data})
 
 
 @pytest.mark.parametrize("name", ["max_unknowns", "max_seconds", "max_memory"])
@@ -566,9 +578,9 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
     ],
 )
 def test_a_bad_problem_is_refused_in_one_sentence(fields, message):
-    given = {"polygon": SQUARE, "f": -1, "g": 0} | fields
+    all_fields = {"polygon": SQUARE, "f": -1, "g": 0} | fields
     with pytest.raises(ul.InputError, match=re.escape(message)):
-        ul.Problem(**given)
+        ul.Problem(**all_fields)
 
 
 @pytest.mark.parametrize("k", [1, 2])
@@ -578,8 +590,8 @@ def test_a_given_u_that_is_infinite_inside_a_side_is_named(k):
     def pole(x, y):
         return np.where(abs(x - 0.5) < 0.1, -np.inf, -1)
 
-    for field, data in (("u", {"g": -9, "u": {0: pole}}), ("g", {"g": [pole, -1, -1, -1]})):
-        problem = ul.Problem(SQUARE, -1, **data, k=k)
+    for field, fields in (("u", {"g": -9, "u": {0: pole}}), ("g", {"g": [pole, -1, -1, -1]})):
+        problem = ul.Problem(SQUARE, -1, **fields, k=k)
         with sentences.raises(ul.InputError, f"field {field}[0]"):
             ul.solve(problem, h=1 / 8, H=1 / 4)
 

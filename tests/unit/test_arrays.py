@@ -24,7 +24,7 @@ N = len(VALUES)
 BACKWARDS = np.arange(N)[::-1]
 
 
-def masked(array, place=4):
+def mask_number(array, place=4):
     """The array with one masked number, under which there is a fill value."""
     numbers = np.array(array, dtype=float)
     mask = np.arange(numbers.size).reshape(numbers.shape) == place
@@ -36,7 +36,7 @@ class Variable:
     """As a variable of netCDF4 that is not yet read: its array is a masked one."""
 
     def __array__(self, dtype=None, copy=None):
-        return masked(VALUES)
+        return mask_number(VALUES)
 
     shape = VALUES.shape
     ndim = 1
@@ -66,17 +66,17 @@ TAKEN = {
 }
 
 
-@pytest.mark.parametrize("given", TAKEN.values(), ids=TAKEN)
-def test_the_numbers_that_are_meant_are_taken(given):
-    np.testing.assert_array_equal(read_floats(given, "f"), VALUES)
-    np.testing.assert_array_equal(read_nodal_values(given, "f"), VALUES)
+@pytest.mark.parametrize("data", TAKEN.values(), ids=TAKEN)
+def test_the_numbers_that_are_meant_are_taken(data):
+    np.testing.assert_array_equal(read_floats(data, "f"), VALUES)
+    np.testing.assert_array_equal(read_nodal_values(data, "f"), VALUES)
 
 
 MASKED = "1 of 9 numbers are masked, the first at the place 4; give an array without masked numbers"
 REFUSED = {
-    "masked": (masked(VALUES), MASKED),
+    "masked": (mask_number(VALUES), MASKED),
     "a variable of netCDF4": (Variable(), MASKED),
-    "a list of masked arrays": ([masked(VALUES[:5]), VALUES[:5]], "1 of 5 numbers are masked"),
+    "a list of masked arrays": ([mask_number(VALUES[:5]), VALUES[:5]], "1 of 5 numbers are masked"),
     "the masked number": ([np.ma.masked, 1.0], "1 of 1 numbers are masked"),
     "a series in another order": (
         pd.Series(VALUES)[::-1],
@@ -112,12 +112,12 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("given", "message"), REFUSED.values(), ids=REFUSED)
-def test_what_numpy_would_read_as_other_numbers_is_refused(given, message):
-    wanted = "it has to be an array of real numbers"
+@pytest.mark.parametrize(("data", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_numpy_would_read_as_other_numbers_is_refused(data, message):
+    expected = "it has to be an array of real numbers"
     for door in (read_floats, read_nodal_values, read_indices):
         with pytest.raises(ul.InputError, match=re.escape(message)) as refused:
-            door(given, "f", wanted)
+            door(data, "f", expected)
         assert str(refused.value).startswith("f: ")
         assert "\n" not in str(refused.value)
 
@@ -130,20 +130,22 @@ def test_labels_and_masks_are_refused_wherever_they_are():
         n = int(draw.integers(1, 6))
         labels = draw.permutation(n) + int(draw.random() < 0.2)
         mask = draw.random(n) < 0.15
-        for given in (
+        for labelled in (
             pd.Series(draw.random(n), labels),
             xr.DataArray(draw.random(n), {"node": labels}, "node"),
         ):
             right = labels.tolist() == list(range(n))
-            outcomes.add((right, refused(given)))
-        outcomes.add((not mask.any(), refused(np.ma.array(draw.random(n), mask=mask))))
-        outcomes.add((not mask.any(), refused([np.ma.array(draw.random(n), mask=mask), draw.random(n)])))
+            outcomes.add((right, expect_refusal(labelled)))
+        outcomes.add((not mask.any(), expect_refusal(np.ma.array(draw.random(n), mask=mask))))
+        outcomes.add(
+            (not mask.any(), expect_refusal([np.ma.array(draw.random(n), mask=mask), draw.random(n)]))
+        )
     assert outcomes == {(True, False), (False, True)}
 
 
-def refused(given):
+def expect_refusal(data):
     try:
-        read_floats(given, "f")
+        read_floats(data, "f")
     except ul.InputError:
         return True
     return False
@@ -157,18 +159,18 @@ def test_columns_are_x_and_y_in_this_order():
 
 
 def test_missing_numbers_of_a_series_are_no_numbers():
-    given = pd.Series([*range(N - 1), None], dtype="Int64")
-    assert np.isnan(read_floats(given, "f")[-1])
+    series = pd.Series([*range(N - 1), None], dtype="Int64")
+    assert np.isnan(read_floats(series, "f")[-1])
     with sentences.raises(ul.InputError):
-        ul.Problem(SQUARE, given, 0)
+        ul.Problem(SQUARE, series, 0)
 
 
 def test_values_at_nodes_are_no_integers():
     """A constant, too: np.full(n, 0) with 0.5 written into it is 0 everywhere."""
-    for given in (np.full(N, -1), np.zeros(N, np.uint8), pd.Series(np.arange(N)), [1, 2]):
-        np.testing.assert_array_equal(read_floats(given, "points"), np.asarray(given))
+    for values in (np.full(N, -1), np.zeros(N, np.uint8), pd.Series(np.arange(N)), [1, 2]):
+        np.testing.assert_array_equal(read_floats(values, "points"), np.asarray(values))
         with sentences.raises(ul.InputError):
-            read_nodal_values(given, "f")
+            read_nodal_values(values, "f")
     assert read_nodal_values(3, "f") == 3
 
 
@@ -178,9 +180,9 @@ def test_numbers_of_python_are_taken():
 
 def test_the_numbers_of_nodes_are_whole():
     np.testing.assert_array_equal(read_indices([[0.0, 2.0]], "triangles"), [[0, 2]])
-    for given in ([0.5], [np.nan], [np.inf], [1e300]):
+    for indices in ([0.5], [np.nan], [np.inf], [1e300]):
         with sentences.raises(ul.InputError):
-            read_indices(given, "triangles")
+            read_indices(indices, "triangles")
 
 
 def test_what_is_given_is_not_changed_afterwards():
@@ -191,7 +193,7 @@ def test_what_is_given_is_not_changed_afterwards():
 
 
 BAD = {
-    "a mask": masked(VALUES),
+    "a mask": mask_number(VALUES),
     "another order": pd.Series(VALUES)[::-1],
     "complex": VALUES + 1j,
     "integers": np.full(N, -1),
@@ -228,7 +230,7 @@ GEOMETRY = {
     "lambda_at": lambda bad: SOLUTION.lambda_at(0, bad([0.1, 0.2])),
 }
 SPOILT = {
-    "a mask": lambda rows: masked(rows, 1),
+    "a mask": lambda rows: mask_number(rows, 1),
     "another order": lambda rows: pd.DataFrame(np.asarray(rows))[::-1],
     "complex": lambda rows: np.asarray(rows) + 0j,
     "texts": lambda rows: np.asarray(rows).astype(str),
@@ -248,9 +250,9 @@ def test_every_place_for_geometry_has_the_same_door(place, bad):
 
 @pytest.mark.parametrize("name", ["k", "c", "f", "g"])
 def test_a_number_may_be_masked_too(name):
-    given = {"f": -1, "g": 0} | {name: np.ma.masked}
+    fields = {"f": -1, "g": 0} | {name: np.ma.masked}
     with sentences.raises(ul.InputError, name):
-        ul.Problem([(0, 0), (1, 0), (0, 1)], **given)
+        ul.Problem([(0, 0), (1, 0), (0, 1)], **fields)
 
 
 def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers():

@@ -96,21 +96,21 @@ OF_SOLUTIONS = {
 
 def refusals(place):
     """What is said of each odd thing that is refused."""
-    found = []
+    messages = []
     for odd in ODD:
         try:
             place(odd)
         except ul.InputError as error:
-            found.append(str(error))
-    return found
+            messages.append(str(error))
+    return messages
 
 
 @pytest.mark.parametrize("name", PLACES)
 def test_odd_arguments_are_taken_or_refused_in_one_sentence(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = refusals(PLACES[name])
-    assert len(said) >= 5
-    assert not [each for each in said if "\n" in each or len(each) > 400]
+    message = refusals(PLACES[name])
+    assert len(message) >= 5
+    assert not [item for item in message if "\n" in item or len(item) > 400]
 
 
 @pytest.mark.parametrize("name", OF_SOLUTIONS)
@@ -118,17 +118,17 @@ def test_odd_arguments_of_solutions_are_taken_or_refused_in_one_sentence(
     name, solution, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    said = refusals(lambda odd: OF_SOLUTIONS[name](solution, odd))
-    assert len(said) >= 5
-    assert not [each for each in said if "\n" in each or len(each) > 400]
+    message = refusals(lambda odd: OF_SOLUTIONS[name](solution, odd))
+    assert len(message) >= 5
+    assert not [item for item in message if "\n" in item or len(item) > 400]
 
 
 def test_clamped_sides_are_refused_by_a_solver_as_by_a_problem():
     makers = (lambda u: ul.Solver(MESH, H=0.5, c=0, u=u), lambda u: ul.Problem(MESH, -1, -1, c=0, u=u))
-    for given in ([1], {1}, 3, np.array([1])):
-        said = []
+    for sides in ([1], {1}, 3, np.array([1])):
+        message = []
         for make in makers:
-            with sentences.raises(ul.InputError) as told:
-                make(given)
-            said.append(str(told.value))
-        assert said[0] == said[1]
+            with sentences.raises(ul.InputError) as error:
+                make(sides)
+            message.append(str(error.value))
+        assert message[0] == message[1]

@@ -21,9 +21,9 @@ def classes(sources):
 
 
 def test_no_two_classes_have_one_name():
-    found = classes(file.read_text(encoding="utf-8") for file in SOURCES)
-    assert len(found) > 100
-    assert [name for name, count in found.items() if count > 1] == []
+    class_places = classes(file.read_text(encoding="utf-8") for file in SOURCES)
+    assert len(class_places) > 100
+    assert [name for name, count in class_places.items() if count > 1] == []
 
 
 def test_a_name_that_is_there_twice_is_noticed():

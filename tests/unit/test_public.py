@@ -1,4 +1,4 @@
-"""What is public is explained, with examples that run."""
+"""What is public is explain, with examples that run."""
 
 import doctest
 import inspect
@@ -26,35 +26,35 @@ def test_examples_in_docstrings_run(name):
     assert tried > 0
 
 
-def without(names, of, wanted):
+def lack_in_docstring(names, owner, expected):
     """Those names whose docstring has not what is wanted."""
-    return [name for name in names if wanted not in (inspect.getdoc(getattr(of, name)) or "")]
+    return [name for name in names if expected not in (inspect.getdoc(getattr(owner, name)) or "")]
 
 
 def test_every_public_name_has_an_example():
-    assert without(ul.__all__, ul, ">>> ") == []
+    assert lack_in_docstring(ul.__all__, ul, ">>> ") == []
 
 
 def test_every_attribute_of_a_solution_is_explained():
-    """Fields are explained by the docstring of the class, each below a line with its name."""
+    """Fields are explain by the docstring of the class, each below a line with its name."""
     public = [name for name in dir(ul.Solution) if not name.startswith("_")]
-    of_class = [field.name for field in fields(ul.Solution)]
+    class_fields = [field.name for field in fields(ul.Solution)]
     assert len(public) > 20
-    assert without(set(public) - {*of_class}, ul.Solution, ".") == []
-    assert {*of_class} <= {*inspect.getdoc(ul.Solution).splitlines()}
+    assert lack_in_docstring(set(public) - {*class_fields}, ul.Solution, ".") == []
+    assert {*class_fields} <= {*inspect.getdoc(ul.Solution).splitlines()}
 
 
 def test_a_name_without_an_example_is_noticed():
     """Control."""
 
     class Given:
-        def explained(self):
+        def explain(self):
             """A sentence."""
 
         def silent(self): ...
 
-    assert without(["explained", "silent"], Given, ".") == ["silent"]
-    assert without(["explained"], Given, ">>> ") == ["explained"]
+    assert lack_in_docstring(["explain", "silent"], Given, ".") == ["silent"]
+    assert lack_in_docstring(["explain"], Given, ">>> ") == ["explain"]
 
 
 def test_completion_shows_public_names_only():

@@ -22,8 +22,8 @@ def newest():
 
 def test_the_version_is_that_of_pyproject_everywhere():
     """An installation that is older than pyproject.toml is told, too."""
-    told = [unilateral.__version__, CITATION["version"], CATALOGUE["version"], newest()[0]]
-    assert told == [PROJECT["version"]] * 4
+    report = [unilateral.__version__, CITATION["version"], CATALOGUE["version"], newest()[0]]
+    assert report == [PROJECT["version"]] * 4
 
 
 def test_the_date_is_that_of_the_changelog_everywhere():
@@ -35,7 +35,7 @@ def test_catalogues_are_told_what_the_citation_says():
     assert CATALOGUE["name"] == CITATION["title"]
     assert CATALOGUE["keywords"] == CITATION["keywords"] == PROJECT["keywords"]
     assert [author["name"] for author in CATALOGUE["author"]] == [
-        each["name"] for each in CITATION["authors"]
+        author["name"] for author in CITATION["authors"]
     ]
     assert CATALOGUE["license"] == f"https://spdx.org/licenses/{CITATION['license']}"
     assert CITATION["license"] == PROJECT["license"]
@@ -43,7 +43,9 @@ def test_catalogues_are_told_what_the_citation_says():
 
 def test_the_changelog_has_the_sections_of_its_format_only():
     """Keep a Changelog 1.1.0, "How do I make a good changelog?"."""
-    known = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
-    assert set(re.findall(r"^### (.*)$", CHANGES, re.MULTILINE)) <= known
+    expected = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    assert set(re.findall(r"^### (.*)$", CHANGES, re.MULTILINE)) <= expected
     headings = re.findall(r"^## (.*)$", CHANGES, re.MULTILINE)
-    assert all(re.fullmatch(r"\[Unreleased\]|\[\d+\.\d+\.\d+\] - \d{4}-\d\d-\d\d", each) for each in headings)
+    assert all(
+        re.fullmatch(r"\[Unreleased\]|\[\d+\.\d+\.\d+\] - \d{4}-\d\d-\d\d", heading) for heading in headings
+    )

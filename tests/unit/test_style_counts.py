@@ -13,6 +13,10 @@ TEXTS = {
     file.relative_to(ROOT): file.read_text(encoding="utf-8") for file in sorted((ROOT / "src").rglob("*.py"))
 }
 TREES = {file: ast.parse(text) for file, text in TEXTS.items()}
+OTHER_TREES = {
+    folder: [ast.parse(file.read_text(encoding="utf-8")) for file in sorted((ROOT / folder).rglob("*.py"))]
+    for folder in ("tests", "benchmarks")
+}
 LINES = sum(text.count("\n") for text in TEXTS.values())
 
 FUNCTION_WORDS = {
@@ -191,6 +195,32 @@ def test_at_least_20_comments_are_in_1000_lines():
 def test_at_most_40_names_are_in_two_modules():
     names = find_shared_names(TREES.values())
     assert len(names) <= 40, names
+
+
+def find_verbless_helpers(tree):
+    """Lines of functions without a verb, but of no test, whose name is the property that it states."""
+    tests = {node.lineno for node in select_nodes(tree, ast.FunctionDef) if node.name.startswith("test_")}
+    return [line for line in find_verbless_functions(tree) if line not in tests]
+
+
+@pytest.mark.parametrize(
+    ("folder", "find", "limit"),
+    [
+        ("tests", find_function_words, 0),
+        ("tests", find_packed_assignments, 0),
+        ("tests", find_unpacked_generators, 0),
+        ("tests", find_splats, 0),
+        ("tests", find_verbless_helpers, 0),
+        ("benchmarks", find_function_words, 0),
+        ("benchmarks", find_packed_assignments, 0),
+        ("benchmarks", find_unpacked_generators, 0),
+        ("benchmarks", find_splats, 0),
+        ("benchmarks", find_verbless_helpers, 0),
+    ],
+)
+def test_habits_grow_rarer_in_tests_and_benchmarks(folder, find, limit):
+    """A ratchet: each limit is the count of the day on which it was last lowered, and none is raised."""
+    assert sum(len(find(tree)) for tree in OTHER_TREES[folder]) <= limit
 
 
 @pytest.mark.parametrize(

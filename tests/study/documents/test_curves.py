@@ -7,16 +7,16 @@ from pages import study_errors
 from study.documents import curves
 
 
-def fitted():
+def make_fitted_rates():
     """Rates 1 of two pairs at h/H = 1/2, of which the first counts; nothing is known of the other one."""
     dims = ("case", "norm", "h_over_H")
-    of = np.full((1, 3, 1, 3), np.nan)
-    pairs = {name: of.copy() for name in ("h_coarse", "h_fine", "rate", "asymptotic")}
+    missing_values = np.full((1, 3, 1, 3), np.nan)
+    pairs = {name: missing_values.copy() for name in ("h_coarse", "h_fine", "rate", "asymptotic")}
     for name, values in zip(pairs, ([0.5, 0.25], [0.25, 0.125], [1, 1], [1, 0]), strict=True):
         pairs[name][..., :2] = values
-    one = np.ones((1, 3, 1))
+    first = np.ones((1, 3, 1))
     columns = {name: ((*dims, "pair"), values) for name, values in pairs.items()}
-    columns |= {"proved": (dims, one), "expected": (dims, 1.5 * one)}
+    columns |= {"proved": (dims, first), "expected": (dims, 1.5 * first)}
     columns |= {"verdict": (dims, np.full((1, 3, 1), "holds")), "why": (dims, np.full((1, 3, 1), ""))}
     return xr.Dataset(columns, {"case": ["made_up"], "norm": [*curves.ERROR_NORMS], "h_over_H": [0.5]})
 
@@ -29,10 +29,11 @@ def test_curves_hold_the_numbers_of_the_tables():
         {name: (("case", "mesh"), [[value]]) for name, value in over.items()} | {"H": ("mesh", [0.5])},
         {"case": ["made_up"], "h": ("mesh", [0.25])},
     )
-    u, of_lambda, in_l2 = curves.collect_curves("scene", errors, fitted(), totals)
-    assert [(of["norm"], of["ratio"], of["scene"], of["case"]) for of in (u, of_lambda, in_l2)] == [
-        (norm, "1/2", "scene", "made_up") for norm in curves.ERROR_NORMS
-    ]
+    u, lambda_curve, in_l2 = curves.collect_curves("scene", errors, make_fitted_rates(), totals)
+    assert [
+        (record["norm"], record["ratio"], record["scene"], record["case"])
+        for record in (u, lambda_curve, in_l2)
+    ] == [(norm, "1/2", "scene", "made_up") for norm in curves.ERROR_NORMS]
     assert [level["error"] for level in u["levels"]] == [6, 3, 1.5]
     bounds = [(level.get("sharp"), level.get("cheap")) for level in u["levels"]]
     assert bounds == [(None, None), (6, 9), (None, None)]
@@ -42,11 +43,11 @@ def test_curves_hold_the_numbers_of_the_tables():
     ]
     assert (u["proved"], u["expected"], u["observed"]) == (1, 1.5, "1.00 of 1.5 (1 pair)")
     assert not u["exact"]
-    level = of_lambda["levels"][1]
+    level = lambda_curve["levels"][1]
     upper = 3 * np.sqrt(2 - 0.8**2)
     assert (level["lower"], level["error"]) == (2.4, 3)
     for name, exact in {"upper": upper, "sharp": 2 * upper, "cheap": 3 * upper}.items():
         assert exact <= level[name] < 1.001 * exact
     assert not any("sharp" in level for level in in_l2["levels"])
-    without = curves.collect_curves("scene", errors, fitted(), None)[0]
+    without = curves.collect_curves("scene", errors, make_fitted_rates(), None)[0]
     assert not any("sharp" in level for level in without["levels"])

@@ -39,31 +39,31 @@ def page(tmp_path):
 
 
 def test_only_what_stands_between_the_marks_of_a_block_is_replaced(page):
-    given = f"above\n\n{BEGIN}\nold\nlines\n{END}\n\nbelow `{BEGIN}` λ\n{OTHER}"
-    other = OTHER.replace("\nb\n", "\nc\nd\n")
-    expected = f"above\n\n{BEGIN}\nnew \\1\n{END}\n\nbelow `{BEGIN}` λ\n{other}"
-    assert page(given, {"rates": r"new \1", "cost": "c\nd", "unused": "e"}) == expected
+    text = f"above\n\n{BEGIN}\nold\nlines\n{END}\n\nbelow `{BEGIN}` λ\n{OTHER}"
+    second = OTHER.replace("\nb\n", "\nc\nd\n")
+    expected = f"above\n\n{BEGIN}\nnew \\1\n{END}\n\nbelow `{BEGIN}` λ\n{second}"
+    assert page(text, {"rates": r"new \1", "cost": "c\nd", "unused": "e"}) == expected
 
 
 def test_a_number_is_set_in_its_format_and_its_marks_stay(page):
-    found = page(
+    filled = page(
         "It is <!--=beta.worst:.2g-->9<!--/-->, h = <!--=cost.h:1/n--><!--/-->, <!--=label-->?<!--/-->.\n"
     )
-    assert found == (
+    assert filled == (
         "It is <!--=beta.worst:.2g-->0.19<!--/-->, h = <!--=cost.h:1/n-->1/16<!--/-->, "
         "<!--=label-->worst found<!--/-->.\n"
     )
-    assert marks.remove_marks(found) == "It is 0.19, h = 1/16, worst found.\n"
+    assert marks.remove_marks(filled) == "It is 0.19, h = 1/16, worst found.\n"
 
 
 def test_an_edit_is_told_from_what_is_filled_in(page, tmp_path):
     """By the digest of what people wrote, of which a block and a number between their marks are no part."""
-    given = f"β = <!--=beta.worst:.2g-->9<!--/-->\n{BEGIN}\nold\n{END}\n"
-    edits = [given.replace("β", "γ"), given.replace("worst", "best"), given.replace(".2g", ".3g"), ""]
-    filled = page(given)
-    assert filled != given
+    data = f"β = <!--=beta.worst:.2g-->9<!--/-->\n{BEGIN}\nold\n{END}\n"
+    edits = [data.replace("β", "γ"), data.replace("worst", "best"), data.replace(".2g", ".3g"), ""]
+    filled = page(data)
+    assert filled != data
     digests = []
-    for text in (given, filled, *edits):
+    for text in (data, filled, *edits):
         (tmp_path / "page.md").write_text(text, encoding="utf-8")
         digests.append(marks.digest_prose(tmp_path / "page.md"))
     assert digests[0] == digests[1]
@@ -71,9 +71,11 @@ def test_an_edit_is_told_from_what_is_filled_in(page, tmp_path):
 
 
 def test_a_sentence_whose_claim_holds_is_kept_with_the_numbers_in_it(page):
-    found = page("If <!--?S.local-->edges are short,\nβ ≥ <!--=beta.worst:down.2f-->?<!--/-->.<!--/--> So.\n")
+    filled = page(
+        "If <!--?S.local-->edges are short,\nβ ≥ <!--=beta.worst:down.2f-->?<!--/-->.<!--/--> So.\n"
+    )
     assert (
-        found
+        filled
         == "If <!--?S.local-->edges are short,\nβ ≥ <!--=beta.worst:down.2f-->0.18<!--/-->.<!--/--> So.\n"
     )
 
@@ -142,11 +144,11 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED)
-def test_what_does_not_fit_is_refused_and_the_file_is_kept(tmp_path, text, said):
+@pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_does_not_fit_is_refused_and_the_file_is_kept(tmp_path, text, message):
     file = tmp_path / "page.md"
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=rf"^[^\n]*page\.md[^\n]*{said}[^\n]*$"):
+    with pytest.raises(InputError, match=rf"^[^\n]*page\.md[^\n]*{message}[^\n]*$"):
         marks.fill_document(file, NUMBERS, BLOCKS, CLAIMS)
     assert file.read_text(encoding="utf-8") == text
     assert list(tmp_path.iterdir()) == [file]
@@ -169,7 +171,7 @@ def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("value", "spec", "shown"),
+    ("value", "spec", "displayed"),
     [
         (0.0625, "1/n", "1/16"),
         (1e-3, "10^", "10^(−3)"),
@@ -190,13 +192,13 @@ def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
         ("1/8", "", "1/8"),
     ],
 )
-def test_formats(value, spec, shown):
-    assert formats.format_value(value, spec) == shown
+def test_a_number_is_written_as_its_format_says(value, spec, displayed):
+    assert formats.format_value(value, spec) == displayed
 
 
 @pytest.mark.parametrize(
     ("value", "spec"), [(0.0, "10^"), (2.0, "1/n"), (0.0, "1/n"), (float("inf"), ""), (1.5, "d")]
 )
-def test_formats_that_do_not_fit(value, spec):
+def test_formats_that_do_not_fit_are_refused(value, spec):
     with pytest.raises(ValueError, match=r"Invalid|Unknown|it is"):
         formats.format_value(value, spec)

@@ -107,7 +107,7 @@ def page(tmp_path_factory):
     return typesetter(tmp_path_factory.mktemp("page"))(FRONT + PAGE)
 
 
-def shown(html):
+def read_html_text(html):
     """The text that a reader of the HTML sees, formulas without their TeX."""
     body = html.split("<body>")[1]
     return " ".join(re.sub(r"<annotation.*?</annotation>|<[^>]*>", "", body, flags=re.DOTALL).split())
@@ -116,7 +116,7 @@ def shown(html):
 def test_a_page_with_every_feature_becomes_html_and_pdf(page):
     html, pdf = page
     assert pdf.startswith(b"%PDF")
-    text = shown(html).replace("\u00a0", " ")
+    text = read_html_text(html).replace("\u00a0", " ")
     for expected in ("The title", "The developers1", "1Nowhere", "21 November 2026", "one tag, another"):
         assert expected in text
     assert "see Section 1.1, Figure 1, Table 1, Theorem A, (2.7) and (Doe 1980, 3)" in text
@@ -137,20 +137,20 @@ def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp
     """In typst's source: a box is no item of the list."""
     (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
 
-    def printed(proof):
+    def print_proof(proof):
         text = f"{FRONT}# One {{#sec-one}}\n\n::: {{.proof}}\n{proof}\n:::\n\nMore.\n"
         templates = (ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.typ"))
         return typesetting._convert_markdown(text, tmp_path / "paper.md", "typst", *templates)
 
-    assert "Obvious.#qed\n\n]" in printed("*Proof.* Obvious.")
-    assert re.search(r"^\+ Two\.\n+#qed\n+\]", printed("1. One.\n2. Two."), re.MULTILINE)
+    assert "Obvious.#qed\n\n]" in print_proof("*Proof.* Obvious.")
+    assert re.search(r"^\+ Two\.\n+#qed\n+\]", print_proof("1. One.\n2. Two."), re.MULTILINE)
 
 
 def test_numbers_have_the_prefix_of_their_paper(typeset):
     page = PAGE
     for kind, number in (("Section", "1.1"), ("Figure", "1"), ("Table", "1")):
         page = page.replace(f"[{kind} {number}]", f"[{kind} S{number}]")
-    text = shown(typeset(FRONT.replace("title:", "prefix: S\ntitle:") + page)[0])
+    text = read_html_text(typeset(FRONT.replace("title:", "prefix: S\ntitle:") + page)[0])
     for numbered in ("S1 Summary", "S1.1 Inside", "Figure S1. What", "Table S1. What", "Theorem A", "(2.7)"):
         assert numbered in text
 
@@ -208,8 +208,8 @@ def test_a_head_that_does_not_fit_its_column_is_refused(typeset):
 def test_scripts_in_plain_text_are_raised_and_lowered_and_code_and_links_are_not(typeset):
     text = "\n\n2·10^9 u_h, λ^n, H^(−1/2), ‖μ‖_{-1/2,h}, `a_b^2`, [a_b](https://example.org/a_b).\n"
     html, _ = typeset(FRONT + PAGE + text)
-    wanted = ("10<sup>9</sup> u<sub>h</sub>", "λ<sup>n</sup>", "H<sup>−1/2</sup>", "‖μ‖<sub>-1/2,h</sub>")
-    for shown_as in (*wanted, "<code>a_b^2</code>", ">a_b</a>"):
+    expected = ("10<sup>9</sup> u<sub>h</sub>", "λ<sup>n</sup>", "H<sup>−1/2</sup>", "‖μ‖<sub>-1/2,h</sub>")
+    for shown_as in (*expected, "<code>a_b^2</code>", ">a_b</a>"):
         assert shown_as in html
 
 

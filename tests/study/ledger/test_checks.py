@@ -23,11 +23,11 @@ def number(observed):
 
 
 def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged():
-    for values, said in (
+    for values, message in (
         ({}, "there is nothing of which to find the gap"),
         ({"a": 1.0, "b": NAN, "c": NAN, "d": INF}, "the gap is not known of b; c"),
     ):
-        with pytest.raises(Unjudged, match=said):
+        with pytest.raises(Unjudged, match=message):
             evidence.pick_worst(values, "the gap", 0.0, True)
     assert evidence.pick_worst({"a": 1.0, "b": INF}, "", 0.0, False).observed == INF
     assert evidence.pick_worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
@@ -35,9 +35,9 @@ def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged():
 
 
 def test_of_a_statement_in_parts_the_first_that_fails_is_told():
-    parts = [number(observed) for observed in (3.0, 2.0, 0.5, 0.25)]
-    assert evidence.require_all(*parts) is parts[2]
-    assert evidence.require_all(*parts[:2]) is parts[0]
+    numbers = [number(observed) for observed in (3.0, 2.0, 0.5, 0.25)]
+    assert evidence.require_all(*numbers) is numbers[2]
+    assert evidence.require_all(*numbers[:2]) is numbers[0]
 
 
 def test_faults_are_a_verdict_of_their_own_only_where_the_number_would_pass():
@@ -79,7 +79,7 @@ MADE = table(
         ({"value": "z / 2", "let": {"w": "x - 1", "z": "w * np.sqrt(4)"}, "at_least": 1}, ["t: 2"]),
     ],
 )
-def test_the_worst_value_of_an_expression_by_rows(parameters, lines):
+def test_the_worst_value_of_an_expression_is_taken_over_all_rows(parameters, lines):
     """Over cases and sizes, of which one is not known; the scene's name is the table's if there is none."""
     check = partial(shared.worst, table="t", quantity="q", **parameters)
     if isinstance(lines, str):
@@ -93,9 +93,9 @@ def test_values_along_a_ratio_are_those_of_the_pairs_with_it():
     h = np.array([1 / 2, 1 / 4, 1 / 8])
     H = np.array([1, 5 / 8, 1 / 2])
     x = (("mesh", "partition"), np.arange(9.0).reshape(3, 3))
-    given = table(x=x, h_over_H=h[:, None] / H, H=H)
+    pair_table = table(x=x, h_over_H=h[:, None] / H, H=H)
     check = partial(shared.worst, table="t", value="x", quantity="", H_over_h=2, at_least=0)
-    assert check(given, rows="{H:g}").lines == ["  1: 0", "  0.5: 5"]
+    assert check(pair_table, rows="{H:g}").lines == ["  1: 0", "  0.5: 5"]
 
 
 def test_an_expression_without_a_bound_is_refused():
@@ -107,7 +107,9 @@ def test_an_expression_without_a_bound_is_refused():
 def test_parts_share_what_they_do_not_say_themselves():
     """3 is at least 2, and 7 is not at most 6; the first part is told if both hold."""
     check = partial(shared.all_of, table="t", value="x", quantity="q")
-    for most, expected in ((6, (7, False)), (7, (3, True))):
+    for maximum, expected in ((6, (7, False)), (7, (3, True))):
         observes(
-            partial(check, statements=[{"at_least": 2}, {"at_most": most, "quantity": "p"}]), MADE, expected
+            partial(check, statements=[{"at_least": 2}, {"at_most": maximum, "quantity": "p"}]),
+            MADE,
+            expected,
         )

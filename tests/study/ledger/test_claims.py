@@ -59,7 +59,7 @@ class Recording(Results):
         return results()[name]
 
 
-def judged(name, **spoil):
+def judge_claim(name, **spoil):
     """A claim by the stored results, spoilt or not."""
     tables = controls.spoil_results(results(), spoil) if spoil else results()
     return claims.judge_all(tables, [LEDGER[name]])[0]
@@ -77,20 +77,20 @@ def test_the_ledger_has_every_statement_once():
 def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, change):
     """Control: as they are, all are accepted."""
 
-    def own(file):
-        found = copy.deepcopy(read(file))
+    def read_changed_ledger(file):
+        document = copy.deepcopy(read(file))
         if file.name == "sections.yaml" and change == "in no section":
-            found["theorems"].remove("T.D")
+            document["theorems"].remove("T.D")
         if file.name == "sections.yaml" and change == "in two sections":
-            found["cost"].append("T.D")
+            document["cost"].append("T.D")
         if file.parent.name == "sharpness" and change.startswith("declared"):
-            one = next(each for each in found["claims"] if each["id"] == "T.D")
-            (found["claims"].append if change == "declared twice" else found["claims"].remove)(one)
-        return found
+            claim = next(entry for entry in document["claims"] if entry["id"] == "T.D")
+            (document["claims"].append if change == "declared twice" else document["claims"].remove)(claim)
+        return document
 
     read = entries.read_stored_yaml
     assert len(entries.read_entries()) > 100
-    monkeypatch.setattr(entries, "read_stored_yaml", own)
+    monkeypatch.setattr(entries, "read_stored_yaml", read_changed_ledger)
     with sentences.raises(InputError):
         entries.read_entries()
 
@@ -121,7 +121,7 @@ ENTRY = {
 def test_an_entry_that_is_no_claim_is_told_by_its_id(changed):
     """Control: as it was it is one."""
     assert claims.read_claim(ENTRY).id == "4.x"
-    assert claims.read_claim({**{of: "x" for of in GENERAL}, "unmeasured": "x"}).unmeasured == "x"
+    assert claims.read_claim({**{field: "x" for field in GENERAL}, "unmeasured": "x"}).unmeasured == "x"
     with sentences.raises(InputError):
         claims.read_claim({**ENTRY, **changed})
 
@@ -137,7 +137,7 @@ def test_the_claim_has_its_verdict_by_the_tables_that_it_names_and_no_others(nam
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_control_turns_it_to_fails(name):
-    judgement = judged(name, **LEDGER[name].control)
+    judgement = judge_claim(name, **LEDGER[name].control)
     assert judgement.verdict == records.FAILS, "\n" + listing.explain_claim(judgement)
 
 
@@ -159,12 +159,12 @@ UNFIT = [  # a claim, what takes from it what it rests on, and the reason that i
 
 @pytest.mark.parametrize(("name", "table", "variable", "spoil", "reason"), UNFIT)
 def test_a_claim_whose_check_has_nothing_to_rest_on_is_not_judged(name, table, variable, spoil, reason):
-    judgement = judged(name, tables=[table], variable=variable, **spoil)
+    judgement = judge_claim(name, tables=[table], variable=variable, **spoil)
     assert re.match(f"not judged: {reason}", judgement.verdict)
     assert not judgement.holds
     record = judgement.record()
     assert record["verdict"] == judgement.verdict
-    assert [record[of] for of in ("quantity", "expected", "observed", "margin")] == 4 * [None]
+    assert [record[field] for field in ("quantity", "expected", "observed", "margin")] == 4 * [None]
     assert verdicts.holds_by_claim([record]) == {name: False}
 
 
@@ -173,7 +173,7 @@ EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 
 
 def stored_in(folder, *judgements):
     """That folder, with the judgements as the study stores them."""
-    (folder / "claims.json").write_text(json.dumps([each.record() for each in judgements]))
+    (folder / "claims.json").write_text(json.dumps([judgement.record() for judgement in judgements]))
     return str(folder)
 
 
@@ -184,7 +184,7 @@ def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, m
     text = capsys.readouterr().out
     assert f"\nverdict: not judged: {reason.replace('beta w', 'β w')}\n" in text
     assert "observed" not in text
-    folder = stored_in(tmp_path, judged("S.edges", **EDGES), judged("T.ends"))
+    folder = stored_in(tmp_path, judge_claim("S.edges", **EDGES), judge_claim("T.ends"))
     assert cli.main(["claims", "--results", folder]) == 1
     text = capsys.readouterr().out
     assert re.search(r"^S\.edges .* –  .* –  .*NOT JUDGED: the smallest β with", text, re.MULTILINE)
@@ -195,10 +195,10 @@ def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
     """Control: with the study's own records the same sentence is kept."""
     page = tmp_path / "page.md"
     page.write_text("It is <!--?S.edges-->not enough.<!--/-->\n")
-    for spoil, kept in (({}, True), (EDGES, False)):
-        found = [judged("S.edges", **spoil).record()]
-        with nullcontext() if kept else sentences.raises(InputError):
-            marks.fill_document(page, {}, {}, verdicts.holds_by_claim(found))
+    for spoil, retained in (({}, True), (EDGES, False)):
+        records = [judge_claim("S.edges", **spoil).record()]
+        with nullcontext() if retained else sentences.raises(InputError):
+            marks.fill_document(page, {}, {}, verdicts.holds_by_claim(records))
 
 
 RATES = config("rates")["rates"]
@@ -209,20 +209,20 @@ def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
     """H/h, also of the study of cost, and the tolerances of rates."""
     ratios = {"cost": parse_real(STUDY["cost"]["base"]["H_over_h"], "")}
     tolerances = {norm: declared["tolerance"] for norm, declared in RATES["norms"].items()}
-    found = 0
+    count = 0
     for claim in LEDGER.values():
-        given = {**claim.parameters, **claim.parameters.get("select", {})}
-        if "H_over_h" in given:
+        parameters = {**claim.parameters, **claim.parameters.get("select", {})}
+        if "H_over_h" in parameters:
             ratio = ratios.get(claim.section, 1 / parse_real(RATES["judged_ratio"], ""))
-            assert given["H_over_h"] == ratio, claim.id
-        for norm, tolerance in given.get("tolerances", {}).items():
+            assert parameters["H_over_h"] == ratio, claim.id
+        for norm, tolerance in parameters.get("tolerances", {}).items():
             assert tolerance == tolerances[norm], claim.id
-        if {"norm", "tolerance"} <= set(given):
-            assert given["tolerance"] == tolerances[given["norm"]], claim.id
-        if {"norm", "at_least"} <= set(given) and given["value"].startswith("(rate - predicted)"):
-            assert given["at_least"] == -tolerances[given["norm"]], claim.id
-        found += len({"H_over_h", "tolerance", "tolerances"} & set(given))
-    assert found > 20
+        if {"norm", "tolerance"} <= set(parameters):
+            assert parameters["tolerance"] == tolerances[parameters["norm"]], claim.id
+        if {"norm", "at_least"} <= set(parameters) and parameters["value"].startswith("(rate - predicted)"):
+            assert parameters["at_least"] == -tolerances[parameters["norm"]], claim.id
+        count += len({"H_over_h", "tolerance", "tolerances"} & set(parameters))
+    assert count > 20
 
 
 def test_the_rule_for_beta_is_the_library_s_and_judged_on_every_survey():
@@ -239,7 +239,7 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
     declared = [case for scene in STUDY["adaptive"]["scenes"] for case in scene["cases"]]
     assert LEDGER["A.rate"].parameters["cases"] == declared
     assert LEDGER["A.index"].parameters["select"]["case"] == [
-        each for each in declared if not has_clamped_sides(each)
+        name for name in declared if not has_clamped_sides(name)
     ]
 
 
@@ -272,16 +272,16 @@ def test_bounds_become_exact_in_all_cases_of_proposition_s7():
     scenes = [scene for scene, cases in scenes.items() if not has_clamped_sides(cases[0])]
     orders = {scene: exact_orders(scene) for scene in scenes}
     assert claim["scenes"] == [scene for scene in scenes if orders[scene]]
-    assert claim["orders"] == {case: order for of in orders.values() for case, order in of.items()}
+    assert claim["orders"] == {case: order for by_case in orders.values() for case, order in by_case.items()}
     assert claim["tolerance"] == 2 * RATES["norms"]["hm12"]["tolerance"]
 
 
 def failing(changed, judged):
     """Those of the claims that fail by the stored results with other tables for some."""
     return {
-        each.claim.id
-        for each in claims.judge_all(Results(RESULTS, results() | changed), judged)
-        if not each.holds
+        judgement.claim.id
+        for judgement in claims.judge_all(Results(RESULTS, results() | changed), judged)
+        if not judgement.holds
     }
 
 
@@ -311,7 +311,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
     measured anew, which takes ten seconds.
     """
 
-    def shortcut(gram):
+    def bracket_by_length(gram):
         lengths = np.diff(gram.points)
         return Bracket(*2 * [np.diag(lengths.max() * lengths)])
 
@@ -319,7 +319,7 @@ def test_with_the_shortcut_for_the_dual_norm_only_the_norm_s_claims_fail(monkeyp
     for name in {name for claim in LEDGER.values() for name in claim.reads if name.endswith("/infsup")}:
         table = results()[name].copy(deep=True)
         changed[name] = table.assign(beta_lower=table["beta_0"], beta_upper=table["beta_0"])
-    monkeypatch.setattr(Gram, "p0", property(shortcut))
+    monkeypatch.setattr(Gram, "p0", property(bracket_by_length))
     assert failing(changed, LEDGER.values()) == {
         "3.1a",
         "3.5",
@@ -347,15 +347,15 @@ def made_up(observed, required, at_least):
         (1, 0, True, 1),
     ],
 )
-def test_margins_by_hand(observed, required, at_least, margin):
-    found = made_up(observed, required, at_least)
-    assert found.evidence.margin == pytest.approx(margin)
-    assert found.holds == (margin >= 0)
+def test_margins_are_the_relative_distances_to_what_is_required(observed, required, at_least, margin):
+    judgement = made_up(observed, required, at_least)
+    assert judgement.evidence.margin == pytest.approx(margin)
+    assert judgement.holds == (margin >= 0)
     assert made_up(np.nan, required, at_least).verdict == records.FAILS
 
 
 @pytest.mark.parametrize(
-    ("required", "observed", "shown"),
+    ("required", "observed", "displayed"),
     [
         (0.0, 0.2, "–"),
         (1.0, 1.2, "20 %"),
@@ -364,11 +364,11 @@ def test_margins_by_hand(observed, required, at_least, margin):
         (1.0, -1e9, "< -1000 %"),
     ],
 )
-def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, shown):
-    found = made_up(observed, required, True)
-    assert f"margin {shown}\n" in listing.explain_claim(found)
-    line = list(listing.list_claims([found.record()]))[2]
-    assert re.search(rf"  {re.escape(shown)} +{found.verdict.replace('fails', 'FAILS')}$", line)
+def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, displayed):
+    judgement = made_up(observed, required, True)
+    assert f"margin {displayed}\n" in listing.explain_claim(judgement)
+    line = list(listing.list_claims([judgement.record()]))[2]
+    assert re.search(rf"  {re.escape(displayed)} +{judgement.verdict.replace('fails', 'FAILS')}$", line)
 
 
 def test_one_claim_on_the_command_line(capsys):
@@ -384,14 +384,14 @@ SECTIONS = list(dict.fromkeys(claim.section for claim in ALL.values()))
 def test_all_claims_stand_below_their_sections_with_their_titles(capsys):
     """A pipe has one line for each, whatever the terminal's width is said to be."""
     assert cli.main(["claims", "--results", str(RESULTS)]) == 0
-    head, *lines, told, _ = capsys.readouterr().out.splitlines()
+    head, *lines, summary, _ = capsys.readouterr().out.splitlines()
     assert head.split() == ["claim", "title", "observed", "margin", "verdict"]
     assert [line[:-1] for line in lines if line.endswith(":")] == SECTIONS
-    shown = {line.split()[0]: line for line in lines if not line.endswith(":")}
-    assert list(shown) == list(ALL)
-    assert all(strip_tex(ALL[name].title) in line for name, line in shown.items())
+    displayed = {line.split()[0]: line for line in lines if not line.endswith(":")}
+    assert list(displayed) == list(ALL)
+    assert all(strip_tex(ALL[name].title) in line for name, line in displayed.items())
     assert (
-        told
+        summary
         == f"{len(ALL)} claims: {len(LEDGER)} hold; in {len(ALL) - len(LEDGER)} there is nothing to measure."
     )
 
@@ -411,8 +411,8 @@ def test_all_claims_fit_a_terminal(width):
 
 def test_stored_claims_are_those_that_the_manifest_lists(tmp_path):
     """Controls: without a manifest, and with the right digest, they are read."""
-    folder = stored_in(tmp_path, judged("4.14"))
-    assert [each["id"] for each in listing.read_claim_records(folder)] == ["4.14"]
+    folder = stored_in(tmp_path, judge_claim("4.14"))
+    assert [claim_record["id"] for claim_record in listing.read_claim_records(folder)] == ["4.14"]
     right = hashlib.sha256((tmp_path / "claims.json").read_bytes()).hexdigest()
     for digest, fits in ((right, True), ("0" * 64, False)):
         listed = {"path": "results/claims.json", "sha256": digest}
@@ -454,15 +454,15 @@ def study(tmp_path):
 
 def test_a_table_of_another_version_than_the_manifest_lists_is_refused(study):
     """Of the same place and parameters. Controls: the listed one, one that is not listed, no manifest."""
-    found = of_study.open_finished_results(study)
-    assert found["square/errors"].x == found["square/timings"].x == 1
+    finished_results = of_study.open_finished_results(study)
+    assert finished_results["square/errors"].x == finished_results["square/timings"].x == 1
     tables.save_table(xr.Dataset({"x": np.nextafter(1.0, 2)}), study / "square/errors.nc", "square")
-    said = r"square/errors\.nc is another version than the study ended with: its SHA-256 is \w{16}"
+    text = r"square/errors\.nc is another version than the study ended with: its SHA-256 is \w{16}"
     with pytest.raises(
-        StorageError, match=said + r".*, and .*manifest\.json has \w{16}\.\.\.; 'snakemake -j2 -f "
+        StorageError, match=text + r".*, and .*manifest\.json has \w{16}\.\.\.; 'snakemake -j2 -f "
     ):
         of_study.open_finished_results(study)["square/errors"]
-    with pytest.raises(StorageError, match=said):
+    with pytest.raises(StorageError, match=text):
         Results(study, {}, of_study.open_finished_results(study).listed_digests)["square/errors"]
     (study / "manifest.json").unlink()
     assert of_study.open_finished_results(study)["square/errors"].x > 1
@@ -478,17 +478,17 @@ def test_what_is_no_manifest_is_refused(study, content):
 def test_no_statement_is_printed_with_tex():
     """On the terminal. Control: statements have TeX."""
     statements = [claim.statement for claim in claims.load_ledger()]
-    assert not [each for each in map(strip_tex, statements) if "\\" in each or "$" in each]
-    assert any("\\" in each for each in statements)
+    assert not [item for item in map(strip_tex, statements) if "\\" in item or "$" in item]
+    assert any("\\" in statement for statement in statements)
 
 
 def test_claims_are_not_judged_by_exchanged_tables(capsys, tmp_path):
     """Of the stored results, all others linked."""
     shutil.copytree(RESULTS, tmp_path / "results", copy_function=os.symlink)
-    for one, other in (("square", "unstructured"), ("unstructured", "square")):
-        path = tmp_path / f"results/{one}/rates.nc"
+    for first, second in (("square", "unstructured"), ("unstructured", "square")):
+        path = tmp_path / f"results/{first}/rates.nc"
         path.unlink()
-        path.symlink_to(RESULTS / f"{other}/rates.nc")
+        path.symlink_to(RESULTS / f"{second}/rates.nc")
     assert cli.main(["claims", "4.12", "--results", str(tmp_path / "results")]) == 4
-    said = "square/rates.nc is the table 'unstructured/rates', and 'square/rates' is expected; 'snakemake"
-    assert said in capsys.readouterr().err
+    text = "square/rates.nc is the table 'unstructured/rates', and 'square/rates' is expected; 'snakemake"
+    assert text in capsys.readouterr().err

@@ -29,7 +29,7 @@ def sees(**control):
 
 
 @pytest.mark.parametrize(
-    ("control", "seen"),
+    ("control", "calls"),
     [
         ({"variable": "number", "factor": 0.1}, "× 0.50"),
         ({"variable": "number", "factor": 0.4, "at": {"row": 0}}, "× 0.50"),
@@ -43,9 +43,9 @@ def sees(**control):
         ({"variable": "number", "value": 0.995, "rounding": True}, "all of the control"),
     ],
 )
-def test_the_least_part_that_a_claim_sees_by_hand(control, seen):
+def test_a_claim_sees_a_change_from_its_least_part_on(control, calls):
     """2 and 3 against 1: it fails where 2 is halved, 3 is a third, or 2 + x (-8 - 2) is 1."""
-    assert sees(**control) == seen
+    assert sees(**control) == calls
 
 
 def test_a_claim_that_does_not_hold_sees_nothing():
@@ -71,23 +71,25 @@ def test_the_scenes_that_are_not_spoilt_are_not_looked_at():
 def test_shares_of_a_control_are_between_the_true_results_and_the_spoilt_ones():
     """What is not changed is kept to the last bit, NaN included."""
     table = xr.Dataset({"number": ("row", [0.1, np.nan, 4.0])})
-    found = {}
+    values_by_share = {}
     for share in (0.25, 1.0):
         control = {"tables": ["t"], "variable": "number", "value": 8.0, "at": {"row": 2}}
-        found[share] = controls.spoil_results(Results("", {"t": table}), control, share)["t"]["number"].values
-    np.testing.assert_array_equal(found[0.25], [0.1, np.nan, 5.0])
-    np.testing.assert_array_equal(found[1.0], [0.1, np.nan, 8.0])
+        values_by_share[share] = controls.spoil_results(Results("", {"t": table}), control, share)["t"][
+            "number"
+        ].values
+    np.testing.assert_array_equal(values_by_share[0.25], [0.1, np.nan, 5.0])
+    np.testing.assert_array_equal(values_by_share[1.0], [0.1, np.nan, 8.0])
     assert table["number"].values[2] == 4.0
 
 
-@pytest.mark.parametrize("least", [3e-6, 0.017, 0.9])
-def test_the_share_is_found_to_one_per_cent_in_few_tries(least):
+@pytest.mark.parametrize("minimum", [3e-6, 0.017, 0.9])
+def test_the_share_is_found_to_one_per_cent_in_few_tries(minimum):
     """By counting: log2(ln 1e6 / ln 1.01) = 10.4, and the first one."""
     tried = []
 
     def fails(share):
         tried.append(share)
-        return share >= least
+        return share >= minimum
 
-    assert controls.find_smallest_share(fails) == pytest.approx(least, rel=0.015)
+    assert controls.find_smallest_share(fails) == pytest.approx(minimum, rel=0.015)
     assert len(tried) <= 12

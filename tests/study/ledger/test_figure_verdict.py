@@ -9,10 +9,10 @@ from study.ledger import claims
 from study.ledger import verdict_figure as figure_of_verdicts
 
 
-def made(folder, records):
+def tabulate_claims(folder, records):
     """The table of these claims."""
     (folder / "claims.json").write_text(
-        json.dumps([{"id": "4.1", "title": "a title", "margin": 0.37, **each} for each in records])
+        json.dumps([{"id": "4.1", "title": "a title", "margin": 0.37, **record} for record in records])
     )
     return figure_of_verdicts.table(folder / "claims.json")
 
@@ -29,33 +29,35 @@ KINDS = {
 }
 
 
-def test_the_kinds_of_verdicts(tmp_path):
+def test_every_verdict_is_of_one_kind(tmp_path):
     """No verdict of the ledger is taken for a failure."""
-    found = made(tmp_path, [{"verdict": verdict} for verdict in KINDS])
-    assert found["kind"].tolist() == [*KINDS.values()]
+    nested = tabulate_claims(tmp_path, [{"verdict": verdict} for verdict in KINDS])
+    assert nested["kind"].tolist() == [*KINDS.values()]
     assert "fails" not in set(
-        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.load_ledger() if claim.check])["kind"]
+        tabulate_claims(
+            tmp_path, [{"verdict": claim.verdict} for claim in claims.load_ledger() if claim.check]
+        )["kind"]
     )
 
 
 def test_what_has_no_check_is_left_out(tmp_path):
     """It has no margin, so it would stand at the axis' end. Control: what is not judged is shown there."""
     reasons = [{"verdict": f"{why}: it is"} for why in ("nothing to measure", "not judged")]
-    found = made(tmp_path, [{"margin": None, **each} for each in reasons])
-    assert found["kind"].tolist() == ["not judged"]
+    nested = tabulate_claims(tmp_path, [{"margin": None, **reason} for reason in reasons])
+    assert nested["kind"].tolist() == ["not judged"]
 
 
 def test_margins_end_where_the_axis_does(tmp_path):
-    found = made(tmp_path, [{"verdict": "holds", "margin": m} for m in (1e-9, 0.5, 1e9)])
-    assert found["margin"].tolist() == [1e-4, 0.5, 10.0]
+    nested = tabulate_claims(tmp_path, [{"verdict": "holds", "margin": m} for m in (1e-9, 0.5, 1e9)])
+    assert nested["margin"].tolist() == [1e-4, 0.5, 10.0]
 
 
 def test_the_figure_shows_every_claim():
     """From the top of two panels of equal heights."""
     panels = page("verdict")[0].axes
     rows = table("verdict")
-    shown = [float(line.get_xdata()[0]) for axes in panels for line in axes.lines]
-    assert shown == pytest.approx(rows["margin"].tolist())
+    values = [float(line.get_xdata()[0]) for axes in panels for line in axes.lines]
+    assert values == pytest.approx(rows["margin"].tolist())
     named = [text.get_text() for axes in panels for text in axes.texts]
     assert named == rows[["id", "title"]].to_numpy().ravel().tolist()
     places = (len(rows) + 1) // 2

@@ -35,11 +35,11 @@ def test_the_examples_of_help_work_as_typed(monkeypatch, capsys, claim):
     assert (out != "", err) == (True, "")
 
 
-def stored():
+def read_stored_claims():
     return json.loads((RESULTS / "claims.json").read_text())
 
 
-def printed(capsys, *arguments):
+def read_printed_claims(capsys, *arguments):
     """The claims that are printed as JSON."""
     assert main(["claims", *arguments, "--json", "--results", str(RESULTS)]) == 0
     out, err = capsys.readouterr()
@@ -48,15 +48,17 @@ def printed(capsys, *arguments):
 
 
 def test_json_has_what_is_stored_and_whether_it_holds(capsys):
-    found = printed(capsys)
-    assert [{name: each[name] for name in stored()[0]} for each in found] == stored()
-    for each in found:
-        if not claims.find_claim(each["id"]).check:
-            assert [each[name] for name in ("holds", "observed", "control", "sees")] == 4 * [None]
+    output = read_printed_claims(capsys)
+    assert [
+        {name: claim[name] for name in read_stored_claims()[0]} for claim in output
+    ] == read_stored_claims()
+    for entry in output:
+        if not claims.find_claim(entry["id"]).check:
+            assert [entry[name] for name in ("holds", "observed", "control", "sees")] == 4 * [None]
             continue
-        assert each["holds"]
-        assert each["sees"]
-        assert float(each["expected"].split()[1]) == each["required"]
+        assert entry["holds"]
+        assert entry["sees"]
+        assert float(entry["expected"].split()[1]) == entry["required"]
 
 
 def test_what_is_stored_is_what_is_judged_now(capsys):
@@ -65,11 +67,15 @@ def test_what_is_stored_is_what_is_judged_now(capsys):
     A seventh of the claims: to find what each sees takes time.
     """
     some = claims.load_ledger()[::7]
-    judged = [each.record() for each in claims.judge_all(results.open_finished_results(RESULTS), some)]
-    assert judged == [each for each in stored() if each["id"] in {claim.id for claim in some}]
+    judged = [
+        judgement.record() for judgement in claims.judge_all(results.open_finished_results(RESULTS), some)
+    ]
+    assert judged == [
+        judgement for judgement in read_stored_claims() if judgement["id"] in {claim.id for claim in some}
+    ]
     assert len(judged) > 12
-    everything = {each["id"]: each for each in printed(capsys)}
-    assert printed(capsys, "4.14") == [everything["4.14"]]
+    everything = {judgement["id"]: judgement for judgement in read_printed_claims(capsys)}
+    assert read_printed_claims(capsys, "4.14") == [everything["4.14"]]
 
 
 def test_one_claim_that_fails_is_json_with_code_1(capsys, monkeypatch):
@@ -78,8 +84,8 @@ def test_one_claim_that_fails_is_json_with_code_1(capsys, monkeypatch):
     spoilt = controls.spoil_results(results.Results(RESULTS), claim.control)
     monkeypatch.setattr(results, "Results", lambda *_, **__: spoilt)
     assert main(["claims", "4.14", "--json"]) == 1
-    (found,) = json.loads(capsys.readouterr().out)["claims"]
-    assert (found["id"], found["holds"], found["verdict"]) == ("4.14", False, "fails")
+    (computed,) = json.loads(capsys.readouterr().out)["claims"]
+    assert (computed["id"], computed["holds"], computed["verdict"]) == ("4.14", False, "fails")
 
 
 def test_bad_input_leaves_standard_output_empty(capsys, tmp_path):

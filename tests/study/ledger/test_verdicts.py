@@ -36,11 +36,11 @@ def row(**changed):
 
 
 def test_a_table_per_section_with_a_row_per_claim():
-    found = verdicts.tabulate_claims([record(), record(id="5.1", section="algorithm", expected="<= 2")])
-    assert list(found) == ["claims-estimates", "claims-algorithm"]
+    claims = verdicts.tabulate_claims([record(), record(id="5.1", section="algorithm", expected="<= 2")])
+    assert list(claims) == ["claims-estimates", "claims-algorithm"]
     measured = "a number: $1.23 \\ge 0.9$; margin 37\u00a0%; sees ×\u00a01.03"
     assert row() == ["4.1", "it holds [Lemma 4.1]", measured, "holds"]
-    assert r": $1.23 \le 2$; " in found["claims-algorithm"]["measured"].item()
+    assert r": $1.23 \le 2$; " in claims["claims-algorithm"]["measured"].item()
 
 
 def test_a_claim_holds_unless_it_fails():
@@ -57,7 +57,7 @@ def test_a_claim_holds_unless_it_fails():
 
 
 @pytest.mark.parametrize(
-    ("changed", "shown"),
+    ("changed", "displayed"),
     [
         ({"observed": -3e-16}, "$0 \\ge 0.9$; margin 37 %; sees × 1.03"),
         ({"observed": 1e9, "margin": 1e9}, "$\\text{much more} \\ge 0.9$; margin > 1000 %; sees × 1.03"),
@@ -72,18 +72,18 @@ def test_a_claim_holds_unless_it_fails():
         ),
     ],
 )
-def test_numbers_are_typeset_and_what_round_off_makes_is_not_shown(changed, shown):
-    assert row(**changed)[2] == f"a number: {shown}".replace(" %", "\u00a0%").replace("× ", "×\u00a0")
+def test_numbers_are_typeset_and_what_round_off_makes_is_not_shown(changed, displayed):
+    assert row(**changed)[2] == f"a number: {displayed}".replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
 def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
     numbers = dict.fromkeys(("quantity", "expected", "observed", "margin", "sees"))
-    shown = row(**numbers, verdict="not judged: $\\beta$ is not known of square")
-    assert shown[2:] == ["–", "not judged: $\\beta$ is not known of square"]
+    displayed = row(**numbers, verdict="not judged: $\\beta$ is not known of square")
+    assert displayed[2:] == ["–", "not judged: $\\beta$ is not known of square"]
 
 
 @pytest.mark.parametrize(
-    ("sees", "shown"),
+    ("sees", "displayed"),
     [
         ("below 0.0001 % of the control", "; sees below 0.0001 %"),
         ("3 % of the control", "; sees 3 %"),
@@ -92,22 +92,22 @@ def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
         (None, ""),
     ],
 )
-def test_what_a_claim_sees_is_short(sees, shown):
+def test_what_a_claim_sees_is_short(sees, displayed):
     measured = row(sees=sees)[2].replace("\u00a0", " ")
-    assert measured == rf"a number: $1.23 \ge 0.9$; margin 37 %{shown}"
+    assert measured == rf"a number: $1.23 \ge 0.9$; margin 37 %{displayed}"
 
 
 def test_names_of_letters_and_signs_are_told_as_such():
-    shown = texts.replace_greek("the largest lambda_max(S) <= Pi_H mu, pie, a -> b >= 0")
-    assert shown == "the largest λ_max(S) ≤ Π_H μ, pie, a → b ≥ 0"
+    displayed = texts.replace_greek("the largest lambda_max(S) <= Pi_H mu, pie, a -> b >= 0")
+    assert displayed == "the largest λ_max(S) ≤ Π_H μ, pie, a → b ≥ 0"
 
 
 def test_no_text_of_a_claim_has_mathematics_that_is_not_typeset():
     """In the supplement. Control: some have formulas."""
-    told = [text for claim in claims.load_ledger() for text in (claim.statement, claim.where, claim.verdict)]
-    told += [each["quantity"] or "" for each in stored.read_records(RESULTS / "claims.json")]
-    outside = [re.sub(r"\$.*?\$", "", text) for text in told]
-    assert outside != told
+    texts = [text for claim in claims.load_ledger() for text in (claim.statement, claim.where, claim.verdict)]
+    texts += [record["quantity"] or "" for record in stored.read_records(RESULTS / "claims.json")]
+    outside = [re.sub(r"\$.*?\$", "", text) for text in texts]
+    assert outside != texts
     assert [
         text for text in outside if re.search(r"[_^<>|\\]|\b(alpha|beta|lambda|rho|mu|delta)\b", text)
     ] == []

@@ -19,15 +19,15 @@ def problem(name):
     return load(name, "lshape" if name in ("reentrant", "violates_j") else "square").problem
 
 
-def levels(of, goal):
-    return search(of, goal).levels
+def levels(problem, goal):
+    return search(problem, goal).levels
 
 
-def first_level(of, goal):
+def first_level(problem, goal):
     """The first level alone: an interrupt ends the search after it."""
 
     def interrupt(_):
         raise KeyboardInterrupt
 
-    (only,) = search(of, goal, interrupt).levels
+    (only,) = search(problem, goal, interrupt).levels
     return only

@@ -30,16 +30,18 @@ HIDDEN = "1 + 9/10*exp(-2500*((x - 409/500)**2 + (y - 397/500)**2))"
 
 def test_a_peak_that_hides_from_rules_is_not_certified_too_early(problem_of):
     """The best approximation of u on 9 nodes is 6.3e-4 away (an independent computation); lambda is 0."""
-    of = problem_of(f=HIDDEN, g=0)
-    uniform = search(of, Goal(1e-4, kind="structured"))
-    adapted = search(of, Goal(1e-4))
+    problem = problem_of(f=HIDDEN, g=0)
+    uniform = search(problem, Goal(1e-4, kind="structured"))
+    adapted = search(problem, Goal(1e-4))
     assert (uniform.certified, adapted.certified) == (True, True)
     assert 9 < adapted.best.unknowns < uniform.best.unknowns > 1000
     coarse = solve_condensed_problem(
-        discretise(of, make_structured_mesh(square(), 1 / 2), partitions.make_uniform_partition(square(), 1))
+        discretise(
+            problem, make_structured_mesh(square(), 1 / 2), partitions.make_uniform_partition(square(), 1)
+        )
     )
     assert coarse.bound().u >= 6.3e-4
-    assert not search(of, Goal(1e-4, "hm12", 300, sharp=True)).certified
+    assert not search(problem, Goal(1e-4, "hm12", 300, sharp=True)).certified
 
 
 @pytest.mark.parametrize(
@@ -52,11 +54,11 @@ def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(problem_of, field
     """
     f, g, _ = PEAKS[field]
     done = levels(problem_of(f=f.format(size), g=g.format(size)), Goal(0.1, max_unknowns=100))
-    least = {"g": math.sqrt(4 / float(size) * SIGMA_1), "f": np.pi * 1e-6 * float(size)}[field]
+    minimum = {"g": math.sqrt(4 / float(size) * SIGMA_1), "f": np.pi * 1e-6 * float(size)}[field]
     assert len(done) == 3
     for level in done:
         assert not level.certified
-        assert level.solved.bound().u >= least
+        assert level.solved.bound().u >= minimum
 
 
 @pytest.mark.parametrize(
@@ -69,19 +71,19 @@ def test_waves_of_f_are_integrated(problem_of, monkeypatch, n, h):
     What is not known of f is as little as is wanted of a wave with ||cos||^2 = 1/2, or at most |cos| = 1.
     """
     monkeypatch.setattr(source, "MAX_SOURCE_PIECES", 50_000)
-    of = problem_of(f=f"1 + cos({2 * n}*pi*x)", g=-1)
+    problem = problem_of(f=f"1 + cos({2 * n}*pi*x)", g=-1)
     mesh = make_structured_mesh(square(), h)
     cells = partitions.make_uniform_partition(square(), 2 * h)
-    solved = solve_condensed_problem(discretise(of, mesh, cells))
+    solved = solve_condensed_problem(discretise(problem, mesh, cells))
     error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
     assert error <= min(solved.bound().u, solved.bound().data_remainder + 1e-12)
-    wanted = (
+    expected = (
         math.sqrt(source.MAX_RESOLVED_RATIO)
         * source_ancestors.TARGET_REMAINDER_RATIO
         * mesh.h
         * math.sqrt(1 / 2)
     )
-    assert solved.bound().data_remainder <= (1.01 * wanted if solved.data.source.is_resolved else 1 + 1e-9)
+    assert solved.bound().data_remainder <= (1.01 * expected if solved.data.source.is_resolved else 1 + 1e-9)
     assert solved.data.source.is_resolved or n > 20
 
 
@@ -100,7 +102,7 @@ def test_jumps_of_f_are_integrated_where_they_are(problem_of):
     The jumps are where a rule of degree 8 on the pieces beside them is mistaken most, all in the same way.
     """
     places = [k / 16 + 0.0009702 for k in range(16)]
-    of = problem_of(
+    problem = problem_of(
         f=" + ".join(f"pos(x - {place:.7f}, 0)" for place in places) + " - 12",
         g="[null, null, null, 0]",
         free_sides=[0, 1, 2],
@@ -108,7 +110,7 @@ def test_jumps_of_f_are_integrated_where_they_are(problem_of):
     exact = (12 * math.sinh(1) - sum(math.sinh(1 - place) for place in places)) / math.cosh(1)
     mesh = make_structured_mesh(square(), 1 / 50)
     cells = partitions.make_uniform_partition(square(), 1 / 25)
-    solved = solve_condensed_problem(discretise(of, mesh, cells), Stop(tolerance=1e-5))
+    solved = solve_condensed_problem(discretise(problem, mesh, cells), Stop(tolerance=1e-5))
     error = math.sqrt(1 / math.tanh(1)) * abs(exact - cells.lengths @ solved.lambda_H)
     assert error < 2e-4 < solved.bound(sharp=True).lambda_ < 3e-3
 
@@ -117,12 +119,12 @@ def test_a_peak_of_g_is_found_where_terms_cancel(problem_of):
     """By interval arithmetic alone the obstacle's range is 1e7 times too wide; ||u||_1 as for PEAKS."""
     eighth = str(sympy.expand((sympy.Symbol("x") - 10) ** 8))
     bottom = f"({eighth})/2 - 1 + 4*exp(-((x - 10.31)*10**4)**2)"
-    moved = [[10, 0], [11, 0], [11, 1], [10, 1]]
-    of = problem_of(polygon=moved, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
-    least = math.sqrt(4e-4 * SIGMA_1)
-    for level in levels(of, Goal(0.1, max_unknowns=100)):
+    shifted = [[10, 0], [11, 0], [11, 1], [10, 1]]
+    problem = problem_of(polygon=shifted, f=0, g=f'["{bottom}", -1/2, (x - 10)**8/2 - 1, -1]')
+    minimum = math.sqrt(4e-4 * SIGMA_1)
+    for level in levels(problem, Goal(0.1, max_unknowns=100)):
         assert not level.certified
-        assert level.solved.bound().u >= least
+        assert level.solved.bound().u >= minimum
 
 
 def test_a_peak_at_a_declared_kink_is_seen(problem_of):
@@ -136,8 +138,8 @@ def test_a_peak_at_a_declared_kink_is_seen(problem_of):
 @pytest.mark.parametrize("width", [20_000, 282_000])
 def test_peaks_between_all_nodes_do_not_end_the_search(problem_of, width):
     """f < 0 has its peak where no coarse mesh has a node; its integral is seen by u_h on all of them."""
-    of = problem_of(f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
-    done = levels(of, Goal(0.1, max_unknowns=1000))
+    problem = problem_of(f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
+    done = levels(problem, Goal(0.1, max_unknowns=1000))
     assert len(done) > 3
     for level in done:
         mean = level.solved.u_integral

@@ -45,8 +45,8 @@ class Made(DiscreteSolution):
     """A solution with the numbers of a dictionary, on a mesh of the square with sides of 2."""
 
     def __init__(self, **numbers):
-        known = {"u_norm": 1.0, "lambda_norm": 1.0, "u_integral": 0.0, "force": 0.0}
-        known |= {
+        expected = {"u_norm": 1.0, "lambda_norm": 1.0, "u_integral": 0.0, "force": 0.0}
+        expected |= {
             "u": 0.1,
             "lambda_": 0.1,
             "algebraic": 0.0,
@@ -54,10 +54,10 @@ class Made(DiscreteSolution):
             "growth": 1.0,
             "unknowns": 9,
         }
-        known |= numbers
+        expected |= numbers
         mesh = SimpleNamespace(
-            exact_mesh_factor=known.pop("growth"),
-            n_nodes=known.pop("unknowns"),
+            exact_mesh_factor=expected.pop("growth"),
+            n_nodes=expected.pop("unknowns"),
             areas=make_structured_mesh(LARGE_SQUARE, 1).areas,
             polygon=LARGE_SQUARE,
         )
@@ -69,12 +69,12 @@ class Made(DiscreteSolution):
             "beta": 0.5,
         }
         bound = SimpleNamespace(
-            u=known.pop("u"),
-            lambda_=known.pop("lambda_"),
-            irreducible_remainder=known.pop("irreducible"),
+            u=expected.pop("u"),
+            lambda_=expected.pop("lambda_"),
+            irreducible_remainder=expected.pop("irreducible"),
         )
-        result = SimpleNamespace(bound=known.pop("algebraic"), converged=True)
-        vars(self).update(result=result, local_bound=bound, sharp_bound=bound, **data | known)
+        result = SimpleNamespace(bound=expected.pop("algebraic"), converged=True)
+        vars(self).update(result=result, local_bound=bound, sharp_bound=bound, **data | expected)
 
 
 def level(goal=None, seconds=1.0, **numbers):
@@ -83,22 +83,22 @@ def level(goal=None, seconds=1.0, **numbers):
         for name in ("elapsed", "peak_mb", "enclosing_seconds", "predicted")
         if name in numbers
     }
-    made = measure_level(Made(**numbers), goal or Goal(0.2), costs.pop("predicted", math.inf))
-    return replace(made, seconds=seconds, **costs)
+    level = measure_level(Made(**numbers), goal or Goal(0.2), costs.pop("predicted", math.inf))
+    return replace(level, seconds=seconds, **costs)
 
 
 def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
     """||u|| >= ||u_h|| / growth - bound, never below 0; likewise for lambda with its own numbers."""
-    of = Made(u_norm=3.0, u=0.5, lambda_norm=7.0, lambda_=2.0, growth=1.25)
-    assert of.norm_lower_bound("h1") == pytest.approx(3 / 1.25 - 0.5)
-    assert of.norm_lower_bound("h1") < (3 / 1.25) * (1 - 0.9 * SQUARES_ROUNDING) - 0.5
-    assert of.norm_lower_bound("hm12") == pytest.approx(7 / 1.25 - 2.0)
+    solved = Made(u_norm=3.0, u=0.5, lambda_norm=7.0, lambda_=2.0, growth=1.25)
+    assert solved.norm_lower_bound("h1") == pytest.approx(3 / 1.25 - 0.5)
+    assert solved.norm_lower_bound("h1") < (3 / 1.25) * (1 - 0.9 * SQUARES_ROUNDING) - 0.5
+    assert solved.norm_lower_bound("hm12") == pytest.approx(7 / 1.25 - 2.0)
     assert Made(u_norm=1.0, u=2.0).norm_lower_bound("h1") == 0.0
 
 
 def test_the_algebraic_error_of_lambda_is_divided_by_beta():
-    of = Made(algebraic=0.3)
-    assert (of.algebraic_bound("h1"), of.algebraic_bound("hm12")) == (0.3, 0.6)
+    solved = Made(algebraic=0.3)
+    assert (solved.algebraic_bound("h1"), solved.algebraic_bound("hm12")) == (0.3, 0.6)
     assert Made(algebraic=0.3, beta=0.0).algebraic_bound("hm12") == math.inf
 
 
@@ -106,9 +106,12 @@ def test_the_algebraic_error_of_lambda_is_divided_by_beta():
 @pytest.mark.parametrize(("bound", "certified"), [(0.19, True), (0.21, False)])
 def test_a_relative_accuracy_is_one_of_the_lower_bound_on_the_norm(norm, bound, certified):
     """The discrete norm is 1 + bound, so the solution's is at least 1; the other norm is far off."""
-    of_norm = {"h1": {"u": bound, "u_norm": 1 + bound}, "hm12": {"lambda_": bound, "lambda_norm": 1 + bound}}
-    other = {"h1": {"lambda_": 9.0, "lambda_norm": 0.0}, "hm12": {"u": 9.0, "u_norm": 0.0}}
-    assert level(Goal(0.2, norm), **of_norm[norm], **other[norm]).certified == certified
+    norm_bounds = {
+        "h1": {"u": bound, "u_norm": 1 + bound},
+        "hm12": {"lambda_": bound, "lambda_norm": 1 + bound},
+    }
+    second = {"h1": {"lambda_": 9.0, "lambda_norm": 0.0}, "hm12": {"u": 9.0, "u_norm": 0.0}}
+    assert level(Goal(0.2, norm), **norm_bounds[norm], **second[norm]).certified == certified
 
 
 def test_nothing_is_certified_relative_to_a_norm_that_may_be_0():
@@ -131,7 +134,7 @@ def test_a_solution_of_0_is_certified_by_a_bound_that_is_next_to_nothing(bound, 
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "told"),
+    ("first", "second", "report"),
     [
         ({"u_norm": 1.0}, {"u_norm": 1.21}, True),
         ({"u_norm": 1.0}, {"u_norm": 1.19}, False),
@@ -141,23 +144,23 @@ def test_a_solution_of_0_is_certified_by_a_bound_that_is_next_to_nothing(bound, 
         ({"force": 0.0}, {"force": 0.39}, False),
     ],
 )
-def test_bounds_contradict_each_other_if_numbers_are_too_far_apart(one, other, told):
+def test_bounds_contradict_each_other_if_numbers_are_too_far_apart(first, second, report):
     """Both bounds are 0.1; an integral over an area of 4 is at most 2 times the norm.
 
     The bound on the error that the number does not belong to may be huge.
     """
-    assert contradict(level(**one), level(**other)) == told
-    unused = {"u": 9.0} if "force" in one else {"lambda_": 9.0}
-    assert contradict(level(**one, **unused), level(**other, **unused)) == told
+    assert contradict(level(**first), level(**second)) == report
+    unused = {"u": 9.0} if "force" in first else {"lambda_": 9.0}
+    assert contradict(level(**first, **unused), level(**second, **unused)) == report
 
 
-@pytest.mark.parametrize(("number", "most"), [("u_integral", 0.04), ("force", 4.0)])
-def test_with_a_reaction_the_norm_of_constants_decides(number, most):
+@pytest.mark.parametrize(("number", "maximum"), [("u_integral", 0.04), ("force", 4.0)])
+def test_with_a_reaction_the_norm_of_constants_decides(number, maximum):
     """c = 100: |int v| <= (4 / 100)^(1/2) ||v||, |<mu, 1>| <= (4 100)^(1/2) ||mu||; both bounds are 0.1."""
     form = Form(c=100.0)
-    for far, told in ((0.99, False), (1.01, True)):
-        other = {number: far * most}
-        assert contradict(level(form=form), level(form=form, **other)) == told
+    for far, report in ((0.99, False), (1.01, True)):
+        second = {number: far * maximum}
+        assert contradict(level(form=form), level(form=form, **second)) == report
 
 
 def test_norms_on_different_meshes_may_differ_by_their_growth():
@@ -171,10 +174,10 @@ def test_of_two_levels_that_contradict_none_is_believed():
     levels = [level(), level(u_norm=1.1), level(u_norm=5.0, u=0.01)]
     assert select_consistent(levels) == []
     assert select_consistent(levels[:2]) == levels[:2]
-    found = make_search(levels, "bounds contradict each other")
-    assert found.believed == []
-    assert found.best is levels[-1]
-    assert not found.certified
+    search_result = make_search(levels, "bounds contradict each other")
+    assert search_result.believed == []
+    assert search_result.best is levels[-1]
+    assert not search_result.certified
     assert levels[-1].certified
 
 
@@ -187,10 +190,10 @@ def test_the_best_level_is_certified_before_it_is_small():
     assert make_search([level(u=0.9), smaller], "").best is smaller
 
 
-@pytest.mark.parametrize(("irreducible", "told"), [(0.21, True), (0.19, False), (0.0, False)])
-def test_what_stays_unknown_may_exceed_the_wanted_error(irreducible, told):
+@pytest.mark.parametrize(("irreducible", "report"), [(0.21, True), (0.19, False), (0.0, False)])
+def test_what_stays_unknown_may_exceed_the_wanted_error(irreducible, report):
     """0.2 of the norm, at least 1."""
-    assert is_limited_by_data(level(u_norm=1.1, u=0.1, irreducible=irreducible)) == told
+    assert is_limited_by_data(level(u_norm=1.1, u=0.1, irreducible=irreducible)) == report
 
 
 @pytest.mark.parametrize(("irreducible", "why"), [(1e-9, NOT_ENCLOSED), (1e-11, BELOW_ROUNDING)])
@@ -209,8 +212,8 @@ def test_the_next_bound_is_taken_to_miss_as_the_last_one_did(bound, missed):
 def test_the_bound_of_lambda_falls_like_the_unknowns_to_a_power():
     """A part p of the bound takes p^(-1 / LAMBDA_RATE) times the unknowns; for u they take p^-2."""
     last = level(Goal(0.02, "hm12", absolute=True), predicted=0.1)
-    part = TARGET_SHARE * 0.02 / 0.1
-    assert target_bound_ratio(last) ** -2 == pytest.approx(part ** (-1 / LAMBDA_RATE))
+    component = TARGET_SHARE * 0.02 / 0.1
+    assert target_bound_ratio(last) ** -2 == pytest.approx(component ** (-1 / LAMBDA_RATE))
     assert target_bound_ratio(level(u=math.inf)) == 0.0
 
 
@@ -220,25 +223,25 @@ def test_the_bound_of_lambda_falls_like_the_unknowns_to_a_power():
 )
 def test_a_rate_is_believed_within_its_limits(coarse, fine, rate):
     done = [level(u=coarse), level(u=fine)]
-    for each, H in zip(done, (1.0, 0.5), strict=True):
-        each.partition.H = H
+    for item, H in zip(done, (1.0, 0.5), strict=True):
+        item.partition.H = H
     assert observed_rate(done) == pytest.approx(rate)
     assert math.isnan(observed_rate(done[:1]))
     assert math.isnan(observed_rate([level(u=math.inf), done[1]]))
 
 
 @pytest.mark.parametrize(
-    ("given", "free", "most"), [(None, 100.0, 90.0), (50.0, 100.0, 50.0), (200.0, 100.0, 90.0)]
+    ("data", "free", "maximum"), [(None, 100.0, 90.0), (50.0, 100.0, 50.0), (200.0, 100.0, 90.0)]
 )
-def test_no_more_memory_than_there_is(monkeypatch, given, free, most):
+def test_no_more_memory_is_planned_than_is_free(monkeypatch, data, free, maximum):
     """0.8 of what is free beside the 10 MB that the process has; the limit that counts is named."""
     monkeypatch.setattr(forecast, "available_mb", lambda: free)
-    _, (name, mb), _ = find_limits(Goal(0.1, max_memory=given), 10.0)
-    assert mb == pytest.approx(most)
-    assert ("machine" in name) == (mb != given)
+    _, (name, mb), _ = find_limits(Goal(0.1, max_memory=data), 10.0)
+    assert mb == pytest.approx(maximum)
+    assert ("machine" in name) == (mb != data)
 
 
-def measured(goal=None):
+def make_measured_levels(goal=None):
     """Levels of 9, 1000 and 3000 unknowns, by 1 ms for each of these and of the overhead, 0.5 s to enclose f.
 
     The first one took much longer than that.
@@ -261,16 +264,16 @@ def measured(goal=None):
 
 def test_the_time_that_is_spent_is_not_left():
     """After 98 s of 103.5 there are 5 for unknowns, as to enclose f takes half a second."""
-    levels = measured(Goal(0.1, max_seconds=103.5))
+    levels = make_measured_levels(Goal(0.1, max_seconds=103.5))
     assert list(allowed_unknowns(levels).values())[2] == pytest.approx(5 / 1e-3 - OVERHEAD_UNKNOWNS)
-    assert list(allowed_unknowns(measured(Goal(0.1, max_seconds=98.5))).values())[2] == 0.0
+    assert list(allowed_unknowns(make_measured_levels(Goal(0.1, max_seconds=98.5))).values())[2] == 0.0
     assert predict_seconds(levels, 5 / 1e-3 - OVERHEAD_UNKNOWNS) == pytest.approx(5.5)
 
 
 def test_the_time_of_the_first_level_says_nothing():
     """Code is loaded in it: whatever it took, there is another one if time is left."""
-    for most, allowed in ((11.0, math.inf), (9.0, 0.0)):
-        only = measured(Goal(0.1, max_seconds=most))[:1]
+    for maximum, allowed in ((11.0, math.inf), (9.0, 0.0)):
+        only = make_measured_levels(Goal(0.1, max_seconds=maximum))[:1]
         assert list(allowed_unknowns(only).values())[2] == allowed
 
 
@@ -278,6 +281,6 @@ def test_each_limit_allows_its_own_unknowns(monkeypatch):
     """Half of what memory and time allow, and all of the unknowns."""
     monkeypatch.setattr(forecast, "available_mb", lambda: 100.0)
     goal = Goal(0.1, max_unknowns=500, max_seconds=103.5)
-    found = list(allowed_unknowns(measured(goal), 0.5).values())
+    allowed = list(allowed_unknowns(make_measured_levels(goal), 0.5).values())
     in_memory = 0.8 * 100 * 2**20 / bytes_per_unknown(goal)
-    assert found == pytest.approx([500, 0.5 * in_memory, 0.5 * (5 / 1e-3 - OVERHEAD_UNKNOWNS)])
+    assert allowed == pytest.approx([500, 0.5 * in_memory, 0.5 * (5 / 1e-3 - OVERHEAD_UNKNOWNS)])

@@ -19,16 +19,16 @@ STEPS = ("halve_triangle_edges", "discretise_level", "solve_next_level")
 """What is done on a level, in this order; the first level has another mesh."""
 
 
-def failing(monkeypatch, step, error, at=2):
+def failing(monkeypatch, step, error, position=2):
     """Makes a step of the loop raise an error the `at`-th time."""
-    own = getattr(loop, step)
+    original = getattr(loop, step)
     calls = []
 
     def run(*arguments):
         calls.append(step)
-        if len(calls) == at:
+        if len(calls) == position:
             raise error
-        return own(*arguments)
+        return original(*arguments)
 
     monkeypatch.setattr(loop, step, run)
 
@@ -37,16 +37,16 @@ def failing(monkeypatch, step, error, at=2):
 def test_an_interrupt_in_any_step_keeps_the_levels_before(monkeypatch, step):
     """In the second level, or the third, whose mesh is the second that is divided."""
     failing(monkeypatch, step, KeyboardInterrupt())
-    found = search(load("natural").problem, Goal(1e-3))
-    kept = 2 if step == "halve_triangle_edges" else 1
-    assert (found.ended, len(found.levels), found.plan) == ("interrupted", kept, None)
-    assert found.best is found.levels[-1]
+    result = search(load("natural").problem, Goal(1e-3))
+    retained = 2 if step == "halve_triangle_edges" else 1
+    assert (result.ended, len(result.levels), result.plan) == ("interrupted", retained, None)
+    assert result.best is result.levels[-1]
 
 
 @pytest.mark.parametrize("step", STEPS[1:])
 def test_an_interrupt_in_the_first_level_is_raised(monkeypatch, step):
     """Nothing is left of it."""
-    failing(monkeypatch, step, KeyboardInterrupt(), at=1)
+    failing(monkeypatch, step, KeyboardInterrupt(), position=1)
     with pytest.raises(KeyboardInterrupt):
         search(load("natural").problem, Goal(1e-3))
 
@@ -60,10 +60,10 @@ def test_another_error_is_raised(monkeypatch):
 
 def test_memory_that_the_system_refuses_is_a_limit(monkeypatch):
     failing(monkeypatch, "solve_next_level", MemoryError())
-    found = search(load("natural").problem, Goal(1e-3))
-    assert found.ended == "out of budget (the memory of this machine)"
-    assert len(found.levels) == 1
-    failing(monkeypatch, "solve_next_level", MemoryError(), at=1)
+    result = search(load("natural").problem, Goal(1e-3))
+    assert result.ended == "out of budget (the memory of this machine)"
+    assert len(result.levels) == 1
+    failing(monkeypatch, "solve_next_level", MemoryError(), position=1)
     with pytest.raises(MemoryError):
         search(load("natural").problem, Goal(1e-3))
 
@@ -87,11 +87,11 @@ def test_no_level_begins_that_is_predicted_to_exceed_a_limit(name, monkeypatch):
     }[name]
     for share, begun in ((1 - 1e-6, False), (1 + 1e-6, True)):
         monkeypatch.setattr(loop, "perf_counter", iter(range(10**6)).__next__)
-        found = search(load("natural").problem, Goal(0.02, kind="structured", **{name: share * predicted}))
-        assert (len(found.levels) > 2) == begun
+        result = search(load("natural").problem, Goal(0.02, kind="structured", **{name: share * predicted}))
+        assert (len(result.levels) > 2) == begun
         if not begun:
-            assert found.ended == f"out of budget ({name}={share * predicted:g})"
-            assert found.plan.unknowns > third.unknowns
+            assert result.ended == f"out of budget ({name}={share * predicted:g})"
+            assert result.plan.unknowns > third.unknowns
 
 
 def test_what_the_process_holds_is_no_part_of_what_a_level_may_take(monkeypatch):
@@ -105,18 +105,18 @@ def test_without_a_limit_no_more_memory_is_taken_than_is_free(monkeypatch):
     """A MB is free, of which a level with some 800 unknowns takes the allowed part."""
     monkeypatch.setattr(forecast, "available_mb", lambda: 1.0)
     monkeypatch.setattr(loop, "peak_mb", lambda: 100.0)
-    found = search(load("natural").problem, Goal(0.005, max_seconds=600.0))
-    assert found.ended.endswith("MB of this machine's memory)")
-    assert 100 < found.levels[-1].unknowns < 0.8 * 2**20 / forecast.MULTIGRID_LEVEL_BYTES
+    result = search(load("natural").problem, Goal(0.005, max_seconds=600.0))
+    assert result.ended.endswith("MB of this machine's memory)")
+    assert 100 < result.levels[-1].unknowns < 0.8 * 2**20 / forecast.MULTIGRID_LEVEL_BYTES
 
 
 @pytest.mark.parametrize("limit", [{"max_seconds": 10.0}, {"max_memory": 1.0}])
 def test_a_limit_that_is_used_up_before_the_first_level_leaves_nothing(limit):
     """The seconds count from `begin`, and the memory is that of the process."""
     (name,) = limit
-    with pytest.raises(BudgetError, match=rf"{name}=\d+ is not enough .* coarsest mesh of 'square'") as told:
+    with pytest.raises(BudgetError, match=rf"{name}=\d+ is not enough .* coarsest mesh of 'square'") as error:
         search(load("natural").problem, Goal(0.1, **limit), start_time=perf_counter() - 11)
-    assert told.value.exit_code == 3
+    assert error.value.exit_code == 3
 
 
 def test_a_level_says_what_the_next_one_will_have_and_take():
@@ -130,19 +130,19 @@ def test_a_level_says_what_the_next_one_will_have_and_take():
 
 def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
     """Its grids take half of the memory: no more than two problems are alive at a time."""
-    made = []
+    references = []
     alive = []
-    own = multilevel.discretise_on_adapted_mesh
+    original = multilevel.discretise_on_adapted_mesh
 
-    def counted(*arguments):
-        discrete = own(*arguments)
-        made.append(weakref.ref(discrete))
+    def count_discretisations(*arguments):
+        discrete = original(*arguments)
+        references.append(weakref.ref(discrete))
         return discrete
 
     def tell(_):
         gc.collect()
-        alive.append(sum(problem() is not None for problem in made))
+        alive.append(sum(problem() is not None for problem in references))
 
-    monkeypatch.setattr(multilevel, "discretise_on_adapted_mesh", counted)
+    monkeypatch.setattr(multilevel, "discretise_on_adapted_mesh", count_discretisations)
     assert len(search(problem("lshape.yaml"), Goal(0.2), tell).levels) > 2
     assert set(alive) == {1}

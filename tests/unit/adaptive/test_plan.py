@@ -72,11 +72,11 @@ def machine(monkeypatch):
 def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
     """Of the unknowns, from levels that have many times fewer: what the documents promise."""
     dry = search(problem(name), goal, dry_run=True)
-    whole = search(problem(name), goal, dry_run=False)
-    assert whole.certified
+    full = search(problem(name), goal, dry_run=False)
+    assert full.certified
     assert not dry.certified
-    assert dry.levels[-1].unknowns <= whole.best.unknowns / 3
-    assert 0.5 <= dry.plan.unknowns / whole.best.unknowns <= 2
+    assert dry.levels[-1].unknowns <= full.best.unknowns / 3
+    assert 0.5 <= dry.plan.unknowns / full.best.unknowns <= 2
     assert dry.plan.adapted == adapted
     assert dry.plan.missed == ()
 
@@ -97,12 +97,12 @@ def test_the_sizes_of_uniform_levels_are_those_that_come(kind):
 
 def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
     """However long it took, so that two runs say the same of the unknowns."""
-    one = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
-    other = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
-    *before, last = (level.unknowns for level in one.levels)
+    result = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
+    second = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
+    *before, last = [level.unknowns for level in result.levels]
     assert max(before) < MIN_PLAN_UNKNOWNS <= last
-    assert one.plan.unknowns == other.plan.unknowns
-    assert repr(one) == f"Search: {len(one.levels)} levels, not certified"
+    assert result.plan.unknowns == second.plan.unknowns
+    assert repr(result) == f"Search: {len(result.levels)} levels, not certified"
 
 
 def test_limits_that_do_not_allow_a_plan_are_named(natural_levels):
@@ -111,35 +111,35 @@ def test_limits_that_do_not_allow_a_plan_are_named(natural_levels):
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         limits = [share * value for value in (free.unknowns, free.peak_mb)]
         goal = Goal(0.001, max_unknowns=limits[0], max_seconds=share * free.seconds, max_memory=limits[1])
-        found = make_plan(towards(goal, natural_levels)).missed
-        assert [limit.split("=")[0] for limit in found] == missed
+        missed_limits = make_plan(towards(goal, natural_levels)).missed
+        assert [limit.split("=")[0] for limit in missed_limits] == missed
 
 
 @pytest.mark.usefixtures("soon")
 @pytest.mark.parametrize("name", ["natural", "lshape.yaml"])
 def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, machine):
     """And the one that is said to be in reach is, by its own plan; the next smaller one is not."""
-    found = search(problem(name), Goal(1e-9))
-    assert found.ended.startswith("out of reach (")
-    assert re.search(r"\d MB of this machine's memory", found.ended)
-    assert not found.certified
-    assert found.best.unknowns <= 5000
-    assert found.plan.unknowns > 1e12
-    digits, k = f"{found.reach:.0e}".split("e")
+    result = search(problem(name), Goal(1e-9))
+    assert result.ended.startswith("out of reach (")
+    assert re.search(r"\d MB of this machine's memory", result.ended)
+    assert not result.certified
+    assert result.best.unknowns <= 5000
+    assert result.plan.unknowns > 1e12
+    digits, k = f"{result.reach:.0e}".split("e")
     before = {"1": f"5e{int(k) - 1}", "2": f"1e{k}", "5": f"2e{k}"}[digits]
     missed = [
-        make_plan(towards(Goal(accuracy), found.levels)).missed for accuracy in (found.reach, float(before))
+        make_plan(towards(Goal(accuracy), result.levels)).missed for accuracy in (result.reach, float(before))
     ]
     assert [bool(limits) for limits in missed] == [False, True]
-    assert found.best.total / found.best.size > found.reach
+    assert result.best.total / result.best.size > result.reach
 
 
 @pytest.mark.usefixtures("soon", "machine")
 def test_a_limit_that_somebody_set_is_spent(natural_levels):
     """The same accuracy; so is one that the plan does not exclude by far."""
-    found = search(load("natural").problem, Goal(1e-9, max_unknowns=2000))
-    assert found.ended == "out of budget (max_unknowns=2000)"
-    assert found.reach is None
+    result = search(load("natural").problem, Goal(1e-9, max_unknowns=2000))
+    assert result.ended == "out of budget (max_unknowns=2000)"
+    assert result.reach is None
     allowed = min(allowed_unknowns(natural_levels).values())
     for times, far in ((HOPELESS_UNKNOWNS_RATIO / 2, False), (2 * HOPELESS_UNKNOWNS_RATIO, True)):
         last = natural_levels[-1]
@@ -153,15 +153,15 @@ def test_a_limit_that_somebody_set_is_spent(natural_levels):
 )
 def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit, natural_levels):
     """The plan ends nothing; control: it does so without the limit."""
-    for given, far in ((limit, False), ({}, True)):
-        assert is_hopeless(towards(Goal(1e-9, **given), natural_levels)) == far
+    for data, far in ((limit, False), ({}, True)):
+        assert is_hopeless(towards(Goal(1e-9, **data), natural_levels)) == far
 
 
 @pytest.mark.usefixtures("soon", "machine")
 def test_out_of_reach_without_a_plan_names_no_limit(monkeypatch):
     monkeypatch.setattr(loop, "make_plan", lambda _: None)
-    found = search(load("natural").problem, Goal(1e-9))
-    assert (found.ended, found.reach) == ("out of reach", None)
+    result = search(load("natural").problem, Goal(1e-9))
+    assert (result.ended, result.reach) == ("out of reach", None)
 
 
 @pytest.mark.usefixtures("soon", "machine")
@@ -176,10 +176,10 @@ def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
 
 
 def test_what_is_certified_needs_nothing_more():
-    found = search(load("natural").problem, Goal(0.2), dry_run=True)
-    assert found.certified
-    assert found.plan.unknowns == found.best.unknowns
-    assert found.plan.missed == ()
+    result = search(load("natural").problem, Goal(0.2), dry_run=True)
+    assert result.certified
+    assert result.plan.unknowns == result.best.unknowns
+    assert result.plan.missed == ()
 
 
 def test_costs_and_what_they_allow_agree(natural_levels):
@@ -206,13 +206,13 @@ def test_seconds_are_predicted_by_the_rate_of_the_levels(lshape_levels):
 def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall(lshape_levels):
     """Linearly from the last two levels: by 0.1 s with as many new unknowns as it grew by 0.1 s before."""
     first, *_, last = lshape_levels
-    more = last.unknowns - first.unknowns
+    extra = last.unknowns - first.unknowns
     for before, added in ((0.1, 0.1), (0.3, 0.0)):
         done = [
             replace(first, seconds=before, enclosing_seconds=before),
             replace(last, seconds=0.2, enclosing_seconds=0.2),
         ]
-        assert predict_seconds(done, last.unknowns + more) == pytest.approx(0.2 + added)
+        assert predict_seconds(done, last.unknowns + extra) == pytest.approx(0.2 + added)
 
 
 def test_a_level_on_the_same_mesh_tells_nothing_of_growth(lshape_levels):

@@ -35,13 +35,15 @@ SMOOTH_AND_CONVEX = ("pentagon", "rectangle_free_sides", "square_all_sides", "tr
 LIMITS = {"max_unknowns": 20_000}
 
 
-def on_level(of, cells_per_side):
+def discretise_level(problem, cells_per_side):
     """The problem with that many cells on the longest side, H = 2h."""
-    H = of.polygon.lengths.max() / cells_per_side
-    return discretise(of, *meshes.triangulate_from_cells(partitions.make_uniform_partition(of.polygon, H), 2))
+    H = problem.polygon.lengths.max() / cells_per_side
+    return discretise(
+        problem, *meshes.triangulate_from_cells(partitions.make_uniform_partition(problem.polygon, H), 2)
+    )
 
 
-def finer(of, discrete, u_h, lambda_H, times):
+def finer(problem, discrete, u_h, lambda_H, times):
     """A discrete problem on the mesh and the partition refined so often, and u_h and lambda_H there."""
     mesh = discrete.mesh
     cells = discrete.spaces.partition
@@ -49,17 +51,17 @@ def finer(of, discrete, u_h, lambda_H, times):
         u_h = np.concatenate([u_h, u_h[mesh.triangulation.ends].mean(axis=1)])
         mesh = meshes.refine_uniformly(mesh)
         cells = partitions.divide_cells(cells)
-    fine = discretise(of, mesh, cells)
+    fine = discretise(problem, mesh, cells)
     return fine, u_h, np.repeat(lambda_H, 2**times)
 
 
 def distances(fine, u_h, lambda_H, exact_u, exact_lambda):
     """||exact_u - u_h||_1, and ||exact_lambda - lambda_H|| in the discrete dual norm of the finer mesh."""
     difference = exact_u - u_h
-    of_lambda = (exact_lambda - lambda_H)[fine.spaces.cells]
+    lambda_error = (exact_lambda - lambda_H)[fine.spaces.cells]
     return (
         math.sqrt(difference @ (fine.spaces.condensed.A @ difference)),
-        float(np.linalg.norm(fine.spaces.operator.D_factor @ of_lambda)),
+        float(np.linalg.norm(fine.spaces.operator.D_factor @ lambda_error)),
     )
 
 
@@ -69,25 +71,25 @@ def test_the_bound_is_never_violated(file):
 
     And the bound of the coarse solution is not idle: it is at most 4 times what is seen.
     """
-    of = problem(file.name)
-    discrete = on_level(of, 2)
+    posed_problem = problem(file.name)
+    discrete = discretise_level(posed_problem, 2)
     coarse = solve_condensed_problem(discrete)
-    fine, u_h, lambda_H = finer(of, discrete, coarse.u_h, coarse.lambda_H, 3)
+    fine, u_h, lambda_H = finer(posed_problem, discrete, coarse.u_h, coarse.lambda_H, 3)
     solved = solve_condensed_problem(fine)
-    u, of_lambda = distances(fine, u_h, lambda_H, solved.u_h, solved.lambda_H)
+    u, lambda_error = distances(fine, u_h, lambda_H, solved.u_h, solved.lambda_H)
     assert u - solved.bound().u > 0.5 * u
     assert coarse.bound().u >= u - solved.bound().u
-    assert coarse.bound().lambda_ >= of_lambda - solved.bound().lambda_
+    assert coarse.bound().lambda_ >= lambda_error - solved.bound().lambda_
     assert coarse.bound().u <= 4 * u
 
 
 @pytest.mark.parametrize("name", SMOOTH_AND_CONVEX)
 def test_the_index_is_at_most_1_5_on_smooth_convex_problems(name):
     """Against u_fine at h/4, which by Galerkin orthogonality misses about 1/32 of the error."""
-    of = problem(f"{name}.yaml")
-    discrete = on_level(of, 12)
+    posed_problem = problem(f"{name}.yaml")
+    discrete = discretise_level(posed_problem, 12)
     coarse = solve_condensed_problem(discrete)
-    fine, u_h, lambda_H = finer(of, discrete, coarse.u_h, coarse.lambda_H, 2)
+    fine, u_h, lambda_H = finer(posed_problem, discrete, coarse.u_h, coarse.lambda_H, 2)
     tolerance = 0.01 * coarse.bound().u
     exact = run_algorithm(fine.spaces.operator, fine.offset, tolerance, Stop(), lambda_H[fine.spaces.cells])
     solution = fine.spaces.response(fine.load, exact.lambda_H)
@@ -97,10 +99,10 @@ def test_the_index_is_at_most_1_5_on_smooth_convex_problems(name):
 
 def test_a_spoilt_solution_has_a_larger_bound():
     """Control: the bound is of the given u_h and lambda_H, not of the discrete solution."""
-    discrete = on_level(problem("triangle.yaml"), 8)
+    discrete = discretise_level(problem("triangle.yaml"), 8)
     solved = solve_condensed_problem(discrete)
-    moved = replace(solved.result, lambda_H=solved.lambda_H + 1)
-    spoilt = discrete.make_solution(moved, 0.0, discrete.response(moved.lambda_H))
+    shifted = replace(solved.result, lambda_H=solved.lambda_H + 1)
+    spoilt = discrete.make_solution(shifted, 0.0, discrete.response(shifted.lambda_H))
     difference = spoilt.u_h - solved.u_h
     far = math.sqrt(difference @ (discrete.spaces.condensed.A @ difference))
     assert spoilt.bound().u >= far - solved.bound().u > 2 * solved.bound().u
@@ -121,9 +123,9 @@ def test_an_accuracy_is_reached_and_certified(norm):
         error = h1_distance(case, last.mesh, last.u_h)
         size = h1_distance(case, last.mesh, 0 * last.u_h)
     else:
-        of_error = build_dual_norm(last.partition, [case]).bound_error
-        error = of_error(case, last.lambda_H[None]).lower[0]
-        size = of_error(case, (0 * last.lambda_H)[None]).lower[0]
+        bound_error = build_dual_norm(last.partition, [case]).bound_error
+        error = bound_error(case, last.lambda_H[None]).lower[0]
+        size = bound_error(case, (0 * last.lambda_H)[None]).lower[0]
     assert error <= last.total_bound(norm)
     assert error <= goal.accuracy * size
     assert last.norm_lower_bound(norm) <= size * (1 + 1e-12) or norm == "hm12"
@@ -153,7 +155,7 @@ def test_an_absolute_accuracy_is_that_of_the_error_itself():
     assert len(levels(case.problem, Goal(0.3))) < len(done)
 
 
-def test_an_absolute_accuracy_of_a_multiplier_that_is_0():
+def test_a_multiplier_that_is_0_is_certified_to_an_absolute_accuracy_only():
     """Nothing is relative to it; lambda = 0 exactly, so the error is 0 and no bound is below it."""
     absolute = levels(load("no_contact").problem, Goal(0.1, "hm12", sharp=True, absolute=True))[-1]
     assert absolute.certified
@@ -172,8 +174,8 @@ def test_levels_are_not_wasted():
     assert done[-1].solved.total_bound("h1") > 0.5 * done[-1].target
     assert all(level.predicted_total == pytest.approx(level.total, rel=0.1) for level in done[3:])
     last = done[-1].solved
-    alone = multilevel(load("natural").problem, last.mesh, last.partition).iterate(last.result.bound, Stop())
-    assert last.result.iterations < alone.result.iterations
+    single = multilevel(load("natural").problem, last.mesh, last.partition).iterate(last.result.bound, Stop())
+    assert last.result.iterations < single.result.iterations
 
 
 def test_prolongation_keeps_the_integral_and_nested_values():
@@ -182,11 +184,11 @@ def test_prolongation_keeps_the_integral_and_nested_values():
     assert cells.means(values, partitions.divide_cells(cells).points) == pytest.approx(
         np.repeat(values, 2), rel=1e-12
     )
-    other = partitions.make_shifted_partition(find_polygon("lshape"), 1 / 5, 0.3)
-    found = cells.means(values, other.points)
-    assert other.lengths @ found == pytest.approx(cells.lengths @ values, rel=1e-13)
-    assert values.min() <= found.min() * (1 + 1e-12)
-    assert found.max() <= values.max() * (1 + 1e-12)
+    other_shifted_partition = partitions.make_shifted_partition(find_polygon("lshape"), 1 / 5, 0.3)
+    means = cells.means(values, other_shifted_partition.points)
+    assert other_shifted_partition.lengths @ means == pytest.approx(cells.lengths @ values, rel=1e-13)
+    assert values.min() <= means.min() * (1 + 1e-12)
+    assert means.max() <= values.max() * (1 + 1e-12)
 
 
 @pytest.mark.parametrize(
@@ -194,9 +196,11 @@ def test_prolongation_keeps_the_integral_and_nested_values():
 )
 def test_every_cell_has_two_edges(polygon):
     for kind in (default_mesh_kind(polygon), "unstructured"):
-        of = start_adapted_mesh(make_edge_pair_mesh(polygon, 1 / 3, kind))
-        assert of.mesh.s == pytest.approx(partitions.divide_cells(of.partition).points, abs=1e-12)
-        assert of.partition.H <= 1 / 3 + 1e-12
+        adapted_mesh = start_adapted_mesh(make_edge_pair_mesh(polygon, 1 / 3, kind))
+        assert adapted_mesh.mesh.s == pytest.approx(
+            partitions.divide_cells(adapted_mesh.partition).points, abs=1e-12
+        )
+        assert adapted_mesh.partition.H <= 1 / 3 + 1e-12
 
 
 def regular(n, f="-1", g="x/10"):
@@ -223,17 +227,18 @@ def test_halvings_do_not_multiply_short_sides():
 
 
 @pytest.mark.parametrize(
-    ("of", "limit", "least"), [("natural", 24, 9), ("natural", 300, 200), ("lshape.yaml", 2000, 1000)]
+    ("problem_name", "limit", "minimum"),
+    [("natural", 24, 9), ("natural", 300, 200), ("lshape.yaml", 2000, 1000)],
 )
-def test_a_budget_ends_the_search_with_the_best_so_far(of, limit, least):
+def test_a_budget_ends_the_search_with_the_best_so_far(problem_name, limit, minimum):
     """And is named; 24 is found to be too few, for 25, when the mesh is there."""
-    found = search(problem(of), Goal(1e-4, max_unknowns=limit, max_seconds=1000))
-    assert (found.certified, found.ended) == (False, f"out of budget (max_unknowns={limit})")
-    assert least <= found.levels[-1].unknowns <= limit
-    assert found.levels[-1].solved.mesh.is_adapted
-    totals = [level.total for level in found.levels]
+    result = search(problem(problem_name), Goal(1e-4, max_unknowns=limit, max_seconds=1000))
+    assert (result.certified, result.ended) == (False, f"out of budget (max_unknowns={limit})")
+    assert minimum <= result.levels[-1].unknowns <= limit
+    assert result.levels[-1].solved.mesh.is_adapted
+    totals = [level.total for level in result.levels]
     assert totals == sorted(totals, reverse=True)
-    assert found.best is found.levels[-1]
+    assert result.best is result.levels[-1]
 
 
 def test_a_budget_below_the_coarsest_mesh_is_bad_input():
@@ -267,10 +272,10 @@ def test_nothing_to_do_on_a_large_polygon_is_done_at_once():
 
 def test_free_sides_have_no_multipliers():
     """Counted: those of the 4 cells on the bottom, of 10 in all; elsewhere lambda_H is 0."""
-    of = problem("rectangle_free_sides.yaml")
-    of_mesh = start_adapted_mesh(make_edge_pair_mesh(of.polygon, 1 / 2, "unstructured"))
-    cells = of_mesh.partition
-    discrete = discretise(of, of_mesh.mesh, cells)
+    posed_problem = problem("rectangle_free_sides.yaml")
+    mesh = start_adapted_mesh(make_edge_pair_mesh(posed_problem.polygon, 1 / 2, "unstructured"))
+    cells = mesh.partition
+    discrete = discretise(posed_problem, mesh.mesh, cells)
     assert (cells.n_cells, len(discrete.spaces.cells), discrete.spaces.operator.D.shape) == (10, 4, (4, 4))
     assert len(discrete.offset) == 4
     solved = solve_condensed_problem(discrete)
@@ -280,9 +285,9 @@ def test_free_sides_have_no_multipliers():
 
 
 def test_no_multiplier_at_all_is_the_neumann_problem():
-    of = replace(problem("rectangle_free_sides.yaml"), free_sides=(0, 1, 2, 3))
-    of_mesh = start_adapted_mesh(make_edge_pair_mesh(of.polygon, 1 / 2, "unstructured"))
-    discrete = discretise(of, of_mesh.mesh, of_mesh.partition)
+    posed_problem = replace(problem("rectangle_free_sides.yaml"), free_sides=(0, 1, 2, 3))
+    mesh = start_adapted_mesh(make_edge_pair_mesh(posed_problem.polygon, 1 / 2, "unstructured"))
+    discrete = discretise(posed_problem, mesh.mesh, mesh.partition)
     solved = solve_condensed_problem(discrete)
     assert solved.result.converged
     assert discrete.spaces.condensed.A @ solved.u_h == pytest.approx(discrete.load, abs=1e-13)
@@ -318,9 +323,9 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
     ]
     source = "; ".join([imports, *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])
     command = [sys.executable, "-c", source]
-    found = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
-    said = [line for line in found.stdout.splitlines() if line in (" True", " False")]
-    assert said == [" False", " False", " False", " True"]
+    process = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    lines = [line for line in process.stdout.splitlines() if line in (" True", " False")]
+    assert lines == [" False", " False", " False", " True"]
 
 
 def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
@@ -345,26 +350,26 @@ def test_structured_cells_consist_of_whole_edges():
 def test_an_iteration_that_fails_ends_the_search():
     """A finer mesh would not help it."""
     with pytest.warns(RuntimeWarning, match="stopped after 1 steps"):
-        found = levels(load("natural").problem, Goal(1e-2, stop=Stop(algorithm="uzawa", max_steps=1)))
-    assert len(found) == 1
-    assert not found[0].certified
+        done = levels(load("natural").problem, Goal(1e-2, stop=Stop(algorithm="uzawa", max_steps=1)))
+    assert len(done) == 1
+    assert not done[0].certified
 
 
 def test_no_multiplier_at_all_is_exact(problem_of):
     """Every side is left out, so lambda = lambda_H = 0."""
     idle = problem_of(f="1 + x", g=0)
     assert idle.idle_sides() == (0, 1, 2, 3)
-    found = levels(idle.make_idle_sides_free(), Goal(0.1, "hm12"))
-    assert len(found) == 1
-    assert found[0].certified
-    assert found[0].solved.total_bound("hm12") == 0
+    done = levels(idle.make_idle_sides_free(), Goal(0.1, "hm12"))
+    assert len(done) == 1
+    assert done[0].certified
+    assert done[0].solved.total_bound("hm12") == 0
 
 
-def falsified(level, factor):
+def falsify_bounds(level, factor):
     """The level with bounds that many times too small."""
-    own = level.solved.bound()
+    original = level.solved.bound()
     spoilt = replace(level.solved)
-    bound = replace(own, u=own.u * factor, lambda_=own.lambda_ * factor)
+    bound = replace(original, u=original.u * factor, lambda_=original.lambda_ * factor)
     vars(spoilt)["local_bound"] = bound  # in place of what it would find
     return judge_for_goal(replace(level, solved=spoilt), level.goal)
 
@@ -374,7 +379,7 @@ def test_bounds_that_contradict_each_other_are_withdrawn(name):
     """One's is 1000 times too small, and nobody knows which; control: as they are, all stand."""
     done = levels(load(name).problem, Goal(0.02))
     assert select_consistent(done) == done
-    assert select_consistent([falsified(done[0], 1e-3), done[-1]]) == []
+    assert select_consistent([falsify_bounds(done[0], 1e-3), done[-1]]) == []
 
 
 def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
@@ -382,11 +387,11 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     bounds = []
     measure = loop.measure_level
 
-    def counted(*given):
+    def count_measures(*arguments):
         bounds.append(1)
-        return measure(*given)
+        return measure(*arguments)
 
-    monkeypatch.setattr(loop, "measure_level", counted)
+    monkeypatch.setattr(loop, "measure_level", count_measures)
     monkeypatch.setattr(loop, "perf_counter", lambda: float(len(bounds)))
     done = levels(load("natural").problem, Goal(0.2))
     assert len(done) > 1
@@ -400,20 +405,20 @@ def test_lambda_is_certified_on_adapted_meshes(problem_of):
     On uniform meshes the bound of lambda is that of u.
     """
     corner = "[[-1, -1], [0, -1], [0, 0], [1, 0], [1, 1], [-1, 1]]"
-    of = problem_of(polygon=corner, f=-1, g=0, free_sides="[1, 2]")
+    problem = problem_of(polygon=corner, f=-1, g=0, free_sides="[1, 2]")
     goals = (Goal(0.0025, "hm12", 4_000, sharp=True, kind=kind) for kind in ("", "structured"))
-    found = [levels(of, goal)[-1] for goal in goals]
-    assert [level.certified for level in found] == [True, False]
-    assert found[0].unknowns < found[1].unknowns
-    assert found[0].solved.mesh.is_adapted
+    last_levels = [levels(problem, goal)[-1] for goal in goals]
+    assert [level.certified for level in last_levels] == [True, False]
+    assert last_levels[0].unknowns < last_levels[1].unknowns
+    assert last_levels[0].solved.mesh.is_adapted
 
 
 def test_lambda_is_certified_by_multigrid():
     """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
-    of = load("natural")
-    last = levels(of.problem, Goal(0.002, "hm12", sharp=True, kind="structured"))[-1]
+    table = load("natural")
+    last = levels(table.problem, Goal(0.002, "hm12", sharp=True, kind="structured"))[-1]
     assert last.solved.result.algorithm == "multigrid"
     assert last.certified
-    error = build_dual_norm(last.partition, [of]).bound_error(of, last.solved.lambda_H[None])
+    error = build_dual_norm(last.partition, [table]).bound_error(table, last.solved.lambda_H[None])
     assert error.lower[0] <= last.total <= last.target
     assert 0 < last.algebraic <= ALGEBRAIC_SHARE * last.target

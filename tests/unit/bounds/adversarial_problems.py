@@ -5,7 +5,7 @@ Peaks, waves and kinks of f that rules do not see, obstacles that touch u in poi
 
 import numpy as np
 import sympy
-from known_solutions import Feature, Known, Tried, fluxes
+from known_solutions import Feature, Known, KnownSolution, fluxes
 from symbolic import X, Y, plain, pos
 
 from unilateral.adaptive.goal import Goal
@@ -35,15 +35,17 @@ def adversary(u, gap=0, features=(), free=(), shift=0, spoil="0", with_fluxes=Fa
     return Known(Problem(square.name, square, f, g, tuple(free), q=q), u, tuple(features))
 
 
-def known(family, number):
+def make_adversarial_problem(family, number):
     return FAMILIES[family](np.random.default_rng([number, *family.encode()]))
 
 
-def tried(family, number):
+def try_family(family, number):
     """A problem with the solutions of a search's levels."""
-    of = known(family, number)
-    found = [level.solved for level in search(of.problem, Goal(0.02, max_unknowns=MOST)).levels]
-    return Tried(of, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in found])
+    known_case = make_adversarial_problem(family, number)
+    solved_levels = [
+        level.solved for level in search(known_case.problem, Goal(0.02, max_unknowns=MOST)).levels
+    ]
+    return KnownSolution(known_case, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in solved_levels])
 
 
 def exact(number):
@@ -52,7 +54,9 @@ def exact(number):
 
 def bowl(rng, shift=0):
     """k |x - c|^2/2, whose flux is at least k/4 on the unit square."""
-    a, b = (exact(c) for c in rng.uniform(0.3, 0.7, 2))
+    c = rng.uniform(0.3, 0.7, 2)
+    a = exact(c[0])
+    b = exact(c[1])
     return 4 * ((X - a - shift) ** 2 + (Y - b) ** 2) / 2
 
 
@@ -60,12 +64,12 @@ def peak(rng, place, logarithm=(-3, -1)):
     """A Gaussian inside, on a side or at a vertex, as high as the bowl's flux allows, and its feature."""
     width = 10.0 ** rng.uniform(*logarithm)
     inner = rng.uniform(0.15, 0.85, 2)
-    at = {"inside": inner, "side": np.array([inner[0], 0.0]), "vertex": np.array([1.0, 1.0])}[place]
+    position = {"inside": inner, "side": np.array([inner[0], 0.0]), "vertex": np.array([1.0, 1.0])}[place]
     if place == "inside":
         width = min(width, 0.15 * np.min([inner, 1 - inner]))
     height = width * (20.0 if place == "inside" else 0.5)
-    a = exact(at[0])
-    b = exact(at[1])
+    a = exact(position[0])
+    b = exact(position[1])
     w = exact(width)
     bump = exact(height) * sympy.exp(-((X - a) ** 2 + (Y - b) ** 2) / w**2)
     return bump, Feature(sympy.sqrt((X - a) ** 2 + (Y - b) ** 2), float(w))
@@ -74,8 +78,8 @@ def peak(rng, place, logarithm=(-3, -1)):
 def peaks(rng):
     """Full contact, one to three narrow peaks of f, inside, on a side, at a vertex."""
     places = rng.choice(["inside", "side", "vertex"], rng.integers(1, 4))
-    found = [peak(rng, place) for place in places]
-    return adversary(bowl(rng) + sum(bump for bump, _ in found), features=[feature for _, feature in found])
+    peaks = [peak(rng, place) for place in places]
+    return adversary(bowl(rng) + sum(bump for bump, _ in peaks), features=[feature for _, feature in peaks])
 
 
 def waves(rng):
@@ -153,16 +157,18 @@ def given_fluxes(rng):
         height = exact(width * rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 2))
         square = (X - a) ** 2 + (Y - b) ** 2
         w = exact(width)
-        more = height * sympy.exp(-square / w**2)
+        extra = height * sympy.exp(-square / w**2)
         feature = Feature(sympy.sqrt(square), float(w))
     else:
         k = 2 ** int(rng.integers(2, 6)) * int(rng.choice([1, 3, 5]))
         height = exact(rng.choice([-1, 1]) * 10.0 ** rng.uniform(-1, 1))
-        more = height / k * sympy.cos(k * sympy.pi * X) * sympy.exp(-k * sympy.pi * Y)
+        extra = height / k * sympy.cos(k * sympy.pi * X) * sympy.exp(-k * sympy.pi * Y)
         feature = Feature(Y, 1.0 / k)
-    return adversary(bowl(rng) + more, features=[feature], free=free, with_fluxes=True)
+    return adversary(bowl(rng) + extra, features=[feature], free=free, with_fluxes=True)
 
 
-FAMILIES = {of.__name__: of for of in (peaks, waves, kinks, sides, large, neumann)} | {"fluxes": given_fluxes}
+FAMILIES = {family.__name__: family for family in (peaks, waves, kinks, sides, large, neumann)} | {
+    "fluxes": given_fluxes
+}
 COUNTS = {"peaks": 10, "waves": 8, "kinks": 10, "sides": 10, "large": 6, "neumann": 6, "fluxes": 10}
 """How many of each the suite tries."""

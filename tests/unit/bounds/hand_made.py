@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import discrete
-from known_solutions import Pressed, Trial, h1_errors
+from known_solutions import ForceTrial, Trial, h1_errors
 from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
@@ -60,8 +60,10 @@ class Manufactured:
         self.jumps = {}
         self.formula = u
         self.formulas = (f, u - gap)
-        found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
-        self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
+        self.u = sympy.lambdify((X, Y), u)
+        self.u_x = sympy.lambdify((X, Y), sympy.diff(u, X))
+        self.u_y = sympy.lambdify((X, Y), sympy.diff(u, Y))
+        self.f = sympy.lambdify((X, Y), f)
         self.g = sympy.lambdify((X, Y), u - gap)
 
     def kinks(self):
@@ -86,7 +88,7 @@ class Manufactured:
     def model(self, x, y, steps):
         return evaluate(self.formulas[0], {X: x, Y: y})
 
-    def enclosed(self, free=()):
+    def enclose_gap(self, free=()):
         return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
@@ -99,7 +101,7 @@ class Manufactured:
 
 
 @cache
-def enclosed(mesh, problem):
+def enclose_source(mesh, problem):
     return source.enclose_function(mesh, problem.source)
 
 
@@ -109,19 +111,19 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
         problem = problem.problem
         g = problem.enclosed_obstacle
     else:
-        g = problem.enclosed(free)
+        g = problem.enclose_gap(free)
     form = Form(free=free)
     data = EnclosedData(
-        enclosed(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
+        enclose_source(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
     )
     return data, cells, u_h, lambda_H, form
 
 
 def u_of(problem, mesh, cells, lambda_H):
     """u_h by (5.1); (f, v) = (f_h, v) for v in V_h."""
-    of_f = load_vector(mesh, enclosed(mesh, problem).moments())
-    of_f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
-    return condense(mesh).solve(of_f)
+    f = load_vector(mesh, enclose_source(mesh, problem).moments())
+    f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
+    return condense(mesh).solve(f)
 
 
 @cache
@@ -143,15 +145,15 @@ class Pair(NamedTuple):
     upper: float
 
     @property
-    def given(self):
+    def bound_arguments(self):
         """What both bounds take."""
         return given_to(*self[:5])
 
-    def exceeded_by(self, bound):
+    def is_below(self, bound):
         """Neither error is larger."""
         return self.h1_error <= bound.u and self.lower <= bound.lambda_ + ROUNDING
 
-    def with_noise(self, size, rng):
+    def add_noise(self, size, rng):
         """u_h off by a random function of that norm."""
         noise = rng.standard_normal(self.mesh.n_nodes)
         return self._replace(u_h=self.u_h + noise * (size / energy_norm(self.mesh, noise)))
@@ -169,14 +171,15 @@ def pair(name, n, polygon="square", crude=None):
         lambda_H = np.zeros_like(lambda_H)
     elif crude == "noise":
         lambda_H = np.maximum(lambda_H + rng.normal(0, 0.3 * lambda_H.max() + 0.01, len(lambda_H)), 0)
-    of_lambda = d.spaces.B.T @ lambda_H
+    lambda_load = d.spaces.B.T @ lambda_H
     load = d.exact.ritz.load.copy()
-    load[mesh.boundary] += of_lambda
+    load[mesh.boundary] += lambda_load
     u_h = d.spaces.condensed.solve(load)
     dual = norm_for(name, n // 2, polygon).bound_error(d.exact.ritz.case, lambda_H[None])
-    h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - of_lambda)[0]
-    errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
-    return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
+    h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - lambda_load)[0]
+    dual_lower = float(dual.lower[0])
+    dual_upper = float(dual.upper[0])
+    return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, h1_error, dual_lower, dual_upper)
 
 
 def exact_forces(case, cells):
@@ -186,7 +189,7 @@ def exact_forces(case, cells):
     return [per_side.sum(), *per_side]
 
 
-class OfCatalogue:
+class CatalogueSolution:
     """A case on coarse meshes; on finer ones bounds are sharp, see `test_bounds`."""
 
     def __init__(self, name, polygon, crude):
@@ -198,23 +201,37 @@ class OfCatalogue:
     @cached_property
     def trials(self):
         """With noise of a size in u_h its error is no less than that size less the error without."""
-        trials = [Trial(of.given, of.h1_error, of.lower - ROUNDING) for of in self.pairs]
-        of = self.pairs[-1]
+        trials = [
+            Trial(known_pair.bound_arguments, known_pair.h1_error, known_pair.lower - ROUNDING)
+            for known_pair in self.pairs
+        ]
+        pair = self.pairs[-1]
         for size in NOISE if self.noisy else ():
-            given = of.with_noise(size, np.random.default_rng(3)).given
-            trials.append(Trial(given, max(size - of.h1_error, 0), of.lower - ROUNDING))
+            spoilt_arguments = pair.add_noise(size, np.random.default_rng(3)).bound_arguments
+            trials.append(Trial(spoilt_arguments, max(size - pair.h1_error, 0), pair.lower - ROUNDING))
         return trials
 
     @cached_property
-    def pressed(self):
+    def force_trials(self):
         """With the true error in place of its bound, which is the hardest; lambda is integrated up to 1e-12.
 
         Where lambda is not smooth it is not integrated up to rounding.
         """
-        pressed = []
-        for of in self.pairs if self.smooth else ():
-            sides = range(of.mesh.polygon.n_sides)
-            exact = [(force - 1e-12, force + 1e-12) for force in exact_forces(of.case, of.cells)]
-            parts = [[*sides], *([side] for side in sides)]
-            pressed.append(Pressed(of.mesh, of.cells, of.lambda_H, of.upper + 1e-12, parts, exact))
-        return pressed
+        force_trials = []
+        for known_pair in self.pairs if self.smooth else ():
+            sides = range(known_pair.mesh.polygon.n_sides)
+            exact = [
+                (force - 1e-12, force + 1e-12) for force in exact_forces(known_pair.case, known_pair.cells)
+            ]
+            components = [[*sides], *([side] for side in sides)]
+            force_trials.append(
+                ForceTrial(
+                    known_pair.mesh,
+                    known_pair.cells,
+                    known_pair.lambda_H,
+                    known_pair.upper + 1e-12,
+                    components,
+                    exact,
+                )
+            )
+        return force_trials

@@ -65,24 +65,25 @@ def _squares(mesh, functions, corners, parent, value, k, c):
     u, u_x, u_y = value(x, y)
     edges = nodes[:, 1:] - nodes[:, :1]
     areas = 0.5 * np.abs(np.linalg.det(edges)) * np.abs(np.linalg.det(corners))
-    found = []
+    square_norms = []
     for v_h in functions:
         nodal = v_h[mesh.triangles[parent]]
         slope = np.linalg.solve(edges, (nodal[:, 1:] - nodal[:, :1])[..., None])[..., 0]
-        rest = c * (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
-        rest += k * ((u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2)
-        found.append(areas @ (rest @ (2 * weights)))
-    return np.array(found)
+        remaining = c * (u - np.einsum("kqb,kb->kq", places, nodal)) ** 2
+        remaining += k * ((u_x - slope[:, :1]) ** 2 + (u_y - slope[:, 1:]) ** 2)
+        square_norms.append(areas @ (remaining @ (2 * weights)))
+    return np.array(square_norms)
 
 
 def fluxes(u, vertices):
     """du/dn on the sides of a polygon, exact."""
     corners = [[sympy.Rational(float(c)) for c in vertex] for vertex in vertices]
-    found = []
+    computed = []
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
-        x, y = (b - a for a, b in zip(start, end, strict=True))
-        found.append((y * u.diff(X) - x * u.diff(Y)) / sympy.sqrt(x**2 + y**2))
-    return found
+        x = end[0] - start[0]
+        y = end[1] - start[1]
+        computed.append((y * u.diff(X) - x * u.diff(Y)) / sympy.sqrt(x**2 + y**2))
+    return computed
 
 
 class Known(NamedTuple):
@@ -103,9 +104,11 @@ class Known(NamedTuple):
         x = (np.arange(2000) + 0.5) / 2000
         start = mesh.points[mesh.boundary]
         end = mesh.points[np.roll(mesh.boundary, -1)]
-        at = start[:, None] + x[:, None] * (end - start)[:, None]
+        position = start[:, None] + x[:, None] * (end - start)[:, None]
         normals = mesh.polygon.normals[mesh.side]
-        flux = sum(slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(at, 2, 0))))
+        flux = sum(
+            slope * normals[:, i, None] for i, slope in enumerate(slopes(*np.moveaxis(position, 2, 0)))
+        )
         flux = np.where(np.isin(mesh.side, self.problem.free_sides)[:, None], 0.0, flux)
         first = np.diff(mesh.s) * (flux * (1 - x)).mean(axis=1)
         second = np.diff(mesh.s) * (flux * x).mean(axis=1)
@@ -143,77 +146,84 @@ class Catalogued(NamedTuple):
 class Trial(NamedTuple):
     """What both bounds take, and lower bounds of the true errors of u_h and of lambda_H."""
 
-    given: tuple
-    error: float
-    of_lambda: float
+    bound_arguments: tuple
+    u_error: float
+    lambda_error: float
 
 
-class Pressed(NamedTuple):
+class ForceTrial(NamedTuple):
     """What `forces` takes, and for each of the parts two numbers between which the exact force lies."""
 
     mesh: Any
     cells: Any
     lambda_H: np.ndarray
     bound: float
-    parts: list
+    side_groups: list
     exact: list
     free: tuple = ()
 
 
-class Tried:
+class KnownSolution:
     """A problem with a known solution, and solutions of discrete problems, each with pairs to be tried."""
 
-    def __init__(self, of, solutions):
+    def __init__(self, manufactured, solutions):
         """Take `solutions` with their pairs (u_h, lambda_H)."""
-        self.of = of
+        self.known_solution = manufactured
         self.solutions = solutions
 
     @cached_property
     def trials(self):
-        return [trial for solved, pairs in self.solutions for trial in trials(self.of, solved, pairs)]
+        return [
+            trial for solved, pairs in self.solutions for trial in trials(self.known_solution, solved, pairs)
+        ]
 
     @cached_property
-    def pressed(self):
-        return [pressed(self.of, solved) for solved, _ in self.solutions]
+    def force_trials(self):
+        return [make_force_trial(self.known_solution, solved) for solved, _ in self.solutions]
 
 
 @lru_cache(maxsize=8)
-def flux_moments(of, mesh):
+def flux_moments(manufactured, mesh):
     """(nb,) the moments of lambda on a mesh, which trials and forces share."""
-    return of.flux_moments(mesh)
+    return manufactured.flux_moments(mesh)
 
 
-def trials(of, solved, pairs):
+def trials(manufactured, solved, pairs):
     """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
     mesh = solved.mesh
     cells = solved.partition
-    moments = flux_moments(of, mesh)
+    moments = flux_moments(manufactured, mesh)
     on_mesh = condense(mesh)
     to_mesh = coupling(mesh, cells).T
-    errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
+    errors = manufactured.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
     for pair, error in zip(pairs, errors, strict=True):
-        rest = moments - to_mesh @ pair[1]
-        dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
-        of_lambda = max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS) - of.doubt
-        yield Trial((solved.data, cells, *pair, solved.form), error, of_lambda)
+        remaining = moments - to_mesh @ pair[1]
+        dual = np.sqrt(max(remaining @ on_mesh.solve_boundary(remaining), 0.0))
+        lambda_error = (
+            max(dual, abs(remaining.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS)
+            - manufactured.doubt
+        )
+        yield Trial((solved.data, cells, *pair, solved.form), error, lambda_error)
 
 
-def pressed(of, solved):
+def make_force_trial(manufactured, solved):
     """The whole boundary, and each side.
 
     The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
     them.
     """
     mesh = solved.mesh
-    moments = flux_moments(of, solved.mesh)
-    parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
-    off = OF_MOMENTS * np.abs(moments).sum() + 1e-12 * solved.u_norm  # of the quadrature, and of rounding
+    moments = flux_moments(manufactured, solved.mesh)
+    components = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
+    displaced = (
+        OF_MOMENTS * np.abs(moments).sum() + 1e-12 * solved.u_norm
+    )  # of the quadrature, and of rounding
     exact = []
-    for part in parts:
-        on = np.isin(mesh.side, part)
-        inner = on & np.roll(on, 1)
-        touching = on | np.roll(on, 1)
-        exact.append((moments[inner].sum() - off, moments[touching].sum() + off))
+    for component in components:
+        subset = np.isin(mesh.side, component)
+        inner = subset & np.roll(subset, 1)
+        touching = subset | np.roll(subset, 1)
+        exact.append((moments[inner].sum() - displaced, moments[touching].sum() + displaced))
     bound = solved.bound().lambda_
-    free = of.problem.free_sides
-    return Pressed(mesh, solved.partition, solved.lambda_H, bound, parts, exact, free)
+    free = manufactured.problem.free_sides
+    return ForceTrial(mesh, solved.partition, solved.lambda_H, bound, components, exact, free)

@@ -6,7 +6,7 @@ LEAST = 0.02
 """The smallest distance of 0 from the lines of sides, and the smallest angle in which a side is seen."""
 
 
-def rounded(vertices):
+def round_vertices(vertices):
     return np.round(vertices * 2**20) / 2**20
 
 
@@ -22,7 +22,7 @@ def star(rng):
         n = int(rng.integers(3, 12))
         gaps = rng.dirichlet(np.full(n, 2.0)) * 2 * np.pi
         radii = np.exp(rng.uniform(np.log(0.15), 0, n)) if rng.random() < 0.7 else np.ones(n)
-        vertices = rounded(_polar(radii, np.cumsum(gaps)))
+        vertices = round_vertices(_polar(radii, np.cumsum(gaps)))
         if rng.random() < 0.3:
             vertices = cut_off(vertices, int(rng.integers(n)), 10.0 ** rng.uniform(-3, -1))
         if gaps.min() > LEAST and gaps.max() < 0.9 * np.pi and distances(vertices).min() > LEAST:
@@ -36,7 +36,7 @@ def _polar(radius, angles):
 def cut_off(vertices, i, share):
     """With a short side in place of the vertex i."""
     ends = vertices[[i - 1, (i + 1) % len(vertices)]]
-    short = rounded(vertices[i] + share * (ends - vertices[i]))
+    short = round_vertices(vertices[i] + share * (ends - vertices[i]))
     return np.concatenate([vertices[:i], short, vertices[i + 1 :]])
 
 
@@ -54,27 +54,27 @@ def wedge(rng):
 def columns(rng):
     """Up to four columns of unit squares side by side, as they are, turned or slanted."""
     heights = rng.integers(1, 4, rng.integers(1, 5)).tolist()
-    found = [(0, 0), (len(heights), 0)]
+    corners = [(0, 0), (len(heights), 0)]
     for i in range(len(heights) - 1, -1, -1):
-        found += [(i + 1, heights[i]), (i, heights[i])]
-    vertices = np.array([p for i, p in enumerate(found) if p != found[i - 1]], dtype=float)
+        corners += [(i + 1, heights[i]), (i, heights[i])]
+    vertices = np.array([p for i, p in enumerate(corners) if p != corners[i - 1]], dtype=float)
     turned = np.array([[3, 4], [-4, 3]]) / 8
     slanted = np.array([[1, 0], [rng.integers(1, 9) / 8, 1]])
     return vertices @ [np.eye(2), np.eye(2), turned, slanted][rng.integers(4)]
 
 
-def over_a_base(rng):
+def draw_over_base(rng):
     """Convex; side 0 is the base from 0 to 1, with angles of at most 90 degrees."""
     points = np.column_stack([rng.uniform(0, 1, 8), rng.uniform(0.02, 1.5) * rng.uniform(0.1, 1, 8)])
     points[:2, 0] = np.where(rng.random(2) < 0.5, [0, 1], points[:2, 0])
-    points = rounded(points[: rng.integers(1, 9)])
+    points = round_vertices(points[: rng.integers(1, 9)])
     hull = [np.array([0.0, 0.0]), np.array([1.0, 0.0])]
     for p in points[np.argsort(-points[:, 0])]:
         while len(hull) > 2 and _turn(hull[-2], hull[-1], p) <= 1e-3:
             hull.pop()
         if _turn(hull[-2], hull[-1], p) > 1e-3 and _turn(hull[-1], p, hull[0]) > 1e-3:
             hull.append(p)
-    return np.array(hull) if len(hull) > 2 else over_a_base(rng)
+    return np.array(hull) if len(hull) > 2 else draw_over_base(rng)
 
 
 def _turn(a, b, c):

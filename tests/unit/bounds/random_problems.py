@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import sympy
 from conftest import case_file
-from known_solutions import Catalogued, Feature, Known, Tried, fluxes
-from random_polygons import columns, distances, over_a_base, star, wedge
+from known_solutions import Catalogued, Feature, Known, KnownSolution, fluxes
+from random_polygons import columns, distances, draw_over_base, star, wedge
 from symbolic import X, Y, plain, pos
 
 from unilateral.adaptive.loop import make_edge_pair_mesh
@@ -46,14 +46,14 @@ ADAPTED = 3
 KINDS = ("formula", "flux", "corner")
 
 
-def tried(kind, number, folder):
+def try_kind(kind, number, folder):
     """A problem of a kind, with discrete solutions."""
     if kind == "corner":
-        of = at_a_corner(number, folder)
+        mesh = place_corner_singularity(number, folder)
     else:
-        of = {"formula": known, "flux": with_fluxes}[kind](number)
+        mesh = {"formula": make_random_problem, "flux": give_fluxes}[kind](number)
     rng = np.random.default_rng([17, number])
-    return Tried(of, [(solved, [*pairs(solved, rng)]) for solved in solutions(of.problem, rng)])
+    return KnownSolution(mesh, [(solved, [*pairs(solved, rng)]) for solved in solutions(mesh.problem, rng)])
 
 
 def solutions(problem, rng):
@@ -66,28 +66,30 @@ def solutions(problem, rng):
     factorised = condense(mesh, form)
     data = enclose_data(problem, mesh, form)  # of a case, too, which is solved without them
     discrete = discretise_on_condensed_spaces(problem, mixed_spaces(factorised, cells), data.source)
-    found = replace(discrete, data=data).solve(stop)
-    yield found
+    solution = replace(discrete, data=data).solve(stop)
+    yield solution
     shifted = partitions.make_shifted_partition(polygon, 1.3 * H, rng.random())
     discrete = discretise_on_condensed_spaces(problem, mixed_spaces(factorised, shifted), data.source)
     yield replace(discrete, data=data).solve(stop)
-    of = start_adapted_mesh(mesh)
+    adapted_mesh = start_adapted_mesh(mesh)
     discrete = None
     for _ in range(ADAPTED):
-        of = refine_and_balance(of, mark_triangles(of.mesh, found.bound_shares))
-        discrete = discretise_on_adapted_mesh(problem, of, discrete, found)
-        found = discrete.solve(stop)
-        yield found
+        adapted_mesh = refine_and_balance(
+            adapted_mesh, mark_triangles(adapted_mesh.mesh, solution.bound_shares)
+        )
+        discrete = discretise_on_adapted_mesh(problem, adapted_mesh, discrete, solution)
+        solution = discrete.solve(stop)
+        yield solution
 
 
 def uniform(polygon, H, choice):
     """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
     if choice < 0.4:
         return meshes.triangulate_from_cells(partitions.make_uniform_partition(polygon, 2 * H), 2, 1)
-    of = start_adapted_mesh(
+    adapted_mesh = start_adapted_mesh(
         make_edge_pair_mesh(polygon, H, default_mesh_kind(polygon) if choice < 0.8 else "unstructured")
     )
-    return of.mesh, of.partition
+    return adapted_mesh.mesh, adapted_mesh.partition
 
 
 def pairs(solved, rng):
@@ -113,45 +115,53 @@ class Part(NamedTuple):
     features: tuple[Feature, ...] = ()
 
 
-def known(number):
+def make_random_problem(number):
     """Of one of the families, large or small, far from the origin or not."""
     rng = np.random.default_rng([16, number])
     family = FAMILIES[number % len(FAMILIES)]
-    vertices, parts, gap, free = family(rng)
+    vertices, components, gap, free = family(rng)
     a = [dyadic(c) for c in rng.choice([0, 1, 30]) * rng.uniform(-1, 1, 2)]
     S = _size(rng)
     A = sympy.Integer(10) ** int(rng.choice([0, 0, -8, 8]))
     place = {X: (X - a[0] * S) / S, Y: (Y - a[1] * S) / S}
-    u = sum(part.u for part in parts)
+    u = sum(component.u for component in components)
     f = plain(A * (u - laplacian(u) / S**2).xreplace(place))
-    g = tuple(plain((A * (u - each)).xreplace(place)) for each in gap)
-    features = [each for part in parts for each in part.features]
-    moved = tuple(Feature((S * level).xreplace(place), float(S * width)) for level, width in features)
+    g = tuple(plain((A * (u - gap_on_side)).xreplace(place)) for gap_on_side in gap)
+    features = [feature for component in components for feature in component.features]
+    shifted_features = tuple(
+        Feature((S * level).xreplace(place), float(S * width)) for level, width in features
+    )
     polygon = Polygon((vertices + np.array(a, dtype=float)) * float(S), f"{family.__name__}_{number}")
-    return Known(Problem(polygon.name, polygon, f, g, free), (A * u).xreplace(place), moved)
+    return Known(Problem(polygon.name, polygon, f, g, free), (A * u).xreplace(place), shifted_features)
 
 
-def with_fluxes(number):
+def give_fluxes(number):
     """The same problem with du/dn given on some sides, in contact before or not: all but one at most."""
-    of = known(number)
+    known_case = make_random_problem(number)
     rng = np.random.default_rng([20, number])
-    vertices = of.problem.polygon.vertices
-    free = of.problem.free_sides
-    held = np.setdiff1d(np.arange(len(vertices)), free)
-    some = rng.choice(held, rng.integers(1, len(held)) if len(held) > 1 else 0, replace=False).tolist()
-    q = tuple(plain(of_u) if i in some else ZERO for i, of_u in enumerate(fluxes(of.u, vertices)))
-    return of._replace(problem=replace(of.problem, free_sides=tuple(sorted([*free, *some])), q=q))
+    vertices = known_case.problem.polygon.vertices
+    free = known_case.problem.free_sides
+    remaining_sides = np.setdiff1d(np.arange(len(vertices)), free)
+    some = rng.choice(
+        remaining_sides,
+        rng.integers(1, len(remaining_sides)) if len(remaining_sides) > 1 else 0,
+        replace=False,
+    ).tolist()
+    q = tuple(plain(u) if i in some else ZERO for i, u in enumerate(fluxes(known_case.u, vertices)))
+    return known_case._replace(
+        problem=replace(known_case.problem, free_sides=tuple(sorted([*free, *some])), q=q)
+    )
 
 
-def at_a_corner(number, folder):
+def place_corner_singularity(number, folder):
     """A singular function at a vertex or on a side: without flux, without trace, or where contact begins."""
     rng = np.random.default_rng([18, number])
     kind = ["free", "held", "transition", "harmonic"][number % 4]
     vertices = star(rng) if kind == "harmonic" else wedge(rng)
     polygon = Polygon(vertices * float(_size(rng)), f"{kind}_{number}")
-    at = 0.0 if kind != "harmonic" else round(rng.uniform(0.2, 0.5), 3)
-    side = int(rng.integers(polygon.n_sides)) if at else 0
-    R = f"{0.9 * _room(polygon, side, at):.5f}"
+    position = 0.0 if kind != "harmonic" else round(rng.uniform(0.2, 0.5), 3)
+    side = int(rng.integers(polygon.n_sides)) if position else 0
+    R = f"{0.9 * _room(polygon, side, position):.5f}"
     times = round(10.0 ** rng.uniform(-1, 1), 3)
     alpha = ["-1/4", "-1/10", "1/10", "1/3", "1/2", "5/4"][rng.integers(6)]
     atom = {"atom": "corner", "kind": kind, "side": 0, "cutoff": R, "times": times}
@@ -164,9 +174,9 @@ def at_a_corner(number, folder):
             f"(1 - {R})**2",
         ),
         "harmonic": (
-            [{"atom": kind, "side": 0, "at": at, "alpha": alpha, "cutoff": R, "times": times}],
-            {0: f"pos({at} - t, 2) + pos({at}/(1 - {at} - {R})*(t - {at} - {R}), 2)"},
-            f"{at}**2",
+            [{"atom": kind, "side": 0, "at": position, "alpha": alpha, "cutoff": R, "times": times}],
+            {0: f"pos({position} - t, 2) + pos({position}/(1 - {position} - {R})*(t - {position} - {R}), 2)"},
+            f"{position}**2",
         ),
     }[kind]
     sides = [{"side": i, "formula": formula} for i, formula in gap.items()]
@@ -174,14 +184,16 @@ def at_a_corner(number, folder):
     return Catalogued(cases.load_solution(file, polygon, side).problem)
 
 
-def _room(polygon, side, at):
+def _room(polygon, side, position):
     """The distance of a place on a side from others and from the side's ends, in side lengths."""
-    others = np.setdiff1d(np.arange(polygon.n_sides), [side] if at else [side, (side - 1) % polygon.n_sides])
+    other_sides = np.setdiff1d(
+        np.arange(polygon.n_sides), [side] if position else [side, (side - 1) % polygon.n_sides]
+    )
     starts = polygon.vertices
     ends = np.roll(polygon.vertices, -1, axis=0)
-    apart = segment_distances(polygon.point(side, at)[None], starts[others], ends[others])
-    nearest = min(apart.min(initial=np.inf), np.inf if at else polygon.lengths[side - 1])
-    return min(nearest / polygon.lengths[side], 1 - at)
+    apart = segment_distances(polygon.point(side, position)[None], starts[other_sides], ends[other_sides])
+    nearest = min(apart.min(initial=np.inf), np.inf if position else polygon.lengths[side - 1])
+    return min(nearest / polygon.lengths[side], 1 - position)
 
 
 def _size(rng):
@@ -207,7 +219,9 @@ def bowl(c=(0, 0)):
 
 def gentle(rng, slope):
     """A term whose gradient is at most `slope` within a distance of 1 from 0."""
-    a, b = (dyadic(c) for c in rng.uniform(-0.6, 0.6, 2))
+    centre = rng.uniform(-0.6, 0.6, 2)
+    a = dyadic(centre[0])
+    b = dyadic(centre[1])
     kind = rng.choice(["wave", "peak", "circle", "line", "front", "rational", "cosh", "cubic"])
     if kind == "wave":
         k = rng.uniform(-1, 1, 2) * 10.0 ** rng.uniform(0, 1.7)
@@ -246,7 +260,8 @@ def bump(rng, polygon):
     starts = polygon.vertices
     room = float(segment_distances(centre[None], starts, np.roll(starts, -1, axis=0)).min())
     r = dyadic(0.9 * room * 10.0 ** -rng.choice([0, 0, 0.3, 0.6, 1.2]))
-    a, b = (dyadic(c) for c in centre)
+    a = dyadic(centre[0])
+    b = dyadic(centre[1])
     square = (X - a) ** 2 + (Y - b) ** 2
     k = [*POWERS, 4, 6, 8][rng.integers(7)]
     height = dyadic(
@@ -267,9 +282,9 @@ def _inside(rng, polygon):
     high = polygon.vertices.max(axis=0)
     while True:
         points = rng.uniform(low, high, (50, 2))
-        found = points[polygon.contains(points)]
-        if len(found):
-            return found[0]
+        point = points[polygon.contains(points)]
+        if len(point):
+            return point[0]
 
 
 def flat(rng, vertices):
@@ -278,9 +293,9 @@ def flat(rng, vertices):
         return Part(sympy.S.Zero)
     edges = np.roll(vertices, -1, axis=0) - vertices
     product = sympy.S.One
-    at = vertices.mean(axis=0)
+    position = vertices.mean(axis=0)
     for (x, y), (ex, ey) in zip(vertices, edges, strict=True):
-        scale = max(float(np.hypot(ex, ey) * np.abs(vertices - at).max()), 1e-3)
+        scale = max(float(np.hypot(ex, ey) * np.abs(vertices - position).max()), 1e-3)
         product *= ((exact(ex) * (Y - exact(y)) - exact(ey) * (X - exact(x))) / dyadic(scale)) ** 2
     k = [dyadic(c) for c in rng.uniform(-6, 6, 2)]
     return Part(dyadic(10.0 ** rng.uniform(-1, 2)) * product * sympy.sin(k[0] * X + k[1] * Y))
@@ -295,7 +310,7 @@ class Zone(NamedTuple):
 
     start: sympy.Rational
     end: sympy.Rational
-    part: Part
+    summand: Part
 
 
 def zone(rng, vertices, side, start, end):
@@ -333,11 +348,11 @@ def _frame(vertices, side):
 def _clear(vertices, side, start, end, lowest, highest):
     """Whether no other side meets start < t < end, lowest < d < highest."""
     edge = vertices[(side + 1) % len(vertices)] - vertices[side]
-    moved = (vertices - vertices[side]) / (edge @ edge)
-    local = np.column_stack([moved @ edge, moved @ np.array([-edge[1], edge[0]])])
-    others = np.delete(np.arange(len(vertices)), side)
-    a = local[others]
-    b = local[(others + 1) % len(vertices)]
+    shifted = (vertices - vertices[side]) / (edge @ edge)
+    local = np.column_stack([shifted @ edge, shifted @ np.array([-edge[1], edge[0]])])
+    other_vertices = np.delete(np.arange(len(vertices)), side)
+    a = local[other_vertices]
+    b = local[(other_vertices + 1) % len(vertices)]
     first = np.zeros(len(a))
     last = np.ones(len(a))
     for i, low, high in ((0, start, end), (1, lowest, highest)):
@@ -358,12 +373,12 @@ def everywhere(rng):
     vertices = star(rng)
     n = int(rng.integers(0, 4))
     slope = 0.9 * float(distances(vertices).min()) / max(n, 1)
-    parts = [bowl(), *(gentle(rng, slope) for _ in range(n))]
-    parts += [bump(rng, Polygon(vertices)) for _ in range(rng.choice([0, 0, 1, 2]))]
-    return vertices, parts, [sympy.S.Zero] * len(vertices), ()
+    components = [bowl(), *(gentle(rng, slope) for _ in range(n))]
+    components += [bump(rng, Polygon(vertices)) for _ in range(rng.choice([0, 0, 1, 2]))]
+    return vertices, components, [sympy.S.Zero] * len(vertices), ()
 
 
-def in_zones(rng):
+def draw_contact_zones(rng):
     """Contact on parts of sides of any polygon, up to vertices or not; elsewhere a gap or a free side."""
     vertices = star(rng) if rng.random() < 0.5 else columns(rng)
     n = len(vertices)
@@ -372,20 +387,20 @@ def in_zones(rng):
     zones = [_zones(rng, vertices, side, polygon.angles) if side in loaded else [] for side in range(n)]
     heights = [dyadic(10.0 ** rng.uniform(-2, 0.5)) for _ in range(n)]
     for side in range(n):
-        for each in zones[side]:
-            if each.start == 0:
+        for zone in zones[side]:
+            if zone.start == 0:
                 heights[side] = sympy.S.Zero
-            if each.end == 1:
+            if zone.end == 1:
                 heights[(side + 1) % n] = sympy.S.Zero
     gap = [_gap(rng, _frame(vertices, i)[0], zones[i], heights[i], heights[(i + 1) % n]) for i in range(n)]
     free = [i for i in range(n) if not zones[i] and rng.random() < 0.3]
-    parts = [Part(dyadic(rng.uniform(-2, 2))), flat(rng, vertices)]
-    parts += [bump(rng, polygon) for _ in range(rng.choice([0, 1, 1, 2]))]
-    level = parts[0].u
-    parts += [each.part for of_side in zones for each in of_side]
+    components = [Part(dyadic(rng.uniform(-2, 2))), flat(rng, vertices)]
+    components += [bump(rng, polygon) for _ in range(rng.choice([0, 1, 1, 2]))]
+    level = components[0].u
+    components += [entry.summand for side in zones for entry in side]
     # u' = level on the boundary: so g' has no other terms, which vanish there
-    trace = sum(part.u for part in parts) - level
-    return vertices, parts, [each + trace for each in gap], tuple(free if len(free) < n else free[1:])
+    trace = sum(component.u for component in components) - level
+    return vertices, components, [entry + trace for entry in gap], tuple(free if len(free) < n else free[1:])
 
 
 def _zones(rng, vertices, side, angles):
@@ -398,8 +413,8 @@ def _zones(rng, vertices, side, angles):
     if rng.random() < 0.4 and angles[(side + 1) % len(vertices)] > np.pi / 2 - 1e-9:
         ends[-1] = sympy.S.One
     pairs = [(a, b) for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 0.02]
-    found = [zone(rng, vertices, side, a, b) for a, b in pairs]
-    return [each for each in found if each]
+    zones = [zone(rng, vertices, side, a, b) for a, b in pairs]
+    return [item for item in zones if item]
 
 
 def _gap(rng, t, zones, first, last):
@@ -410,41 +425,42 @@ def _gap(rng, t, zones, first, last):
         s = k * (t - dyadic(rng.uniform(0, 1)))
         waves = [sympy.sin(sympy.pi * s) ** 2, sympy.exp(-(s**2))]
         steps = [1 / (1 + s**2), sympy.tanh(s) ** 2]
-        more = [sympy.S.Zero, *waves, *steps, sympy.cosh(s / k) - 1, pos(s, sympy.Rational(3, 2))][
+        extra = [sympy.S.Zero, *waves, *steps, sympy.cosh(s / k) - 1, pos(s, sympy.Rational(3, 2))][
             rng.integers(7)
         ]
-        return first * (1 - t) + last * t + t * (1 - t) * dyadic(10.0 ** rng.uniform(-1, 1)) * more
-    found = sum(
+        return first * (1 - t) + last * t + t * (1 - t) * dyadic(10.0 ** rng.uniform(-1, 1)) * extra
+    total = sum(
         dyadic(10.0 ** rng.uniform(0, 2)) * pos(t - a.end, p) * pos(b.start - t, p)
         for a, b in pairwise(zones)
     )
     start = zones[0].start
     end = zones[-1].end
     if start > 0:
-        found += first * pos(1 - t / start, p)
+        total += first * pos(1 - t / start, p)
     if end < 1:
-        found += last * pos(1 - (1 - t) / (1 - end), p)
-    return found
+        total += last * pos(1 - (1 - t) / (1 - end), p)
+    return total
 
 
-def beside_a_base(rng):
+def draw_contact_beside_base(rng):
     """Contact on all sides but the base, on which u and du/dn are 0: u' = y^2 exp(k |x - c|^2 / 2) + ..
 
     Its flux is not negative on the other sides, whose angles with the base are at most 90 degrees.
     """
-    vertices = over_a_base(rng)
+    vertices = draw_over_base(rng)
     k = dyadic(rng.uniform(0.2, 4))
     c = (dyadic(rng.uniform(0.3, 0.7)), dyadic(0.5 * vertices[:, 1].max()))
-    (x, y) = (float(each) for each in c)
+    x = float(c[0])
+    y = float(c[1])
     if distances(vertices - np.array([x, y]))[1:].min() < 0:
-        return beside_a_base(rng)
-    parts = [
+        return draw_contact_beside_base(rng)
+    components = [
         Part(Y**2 * sympy.exp(k * bowl(c).u)),
         *(bump(rng, Polygon(vertices)) for _ in range(rng.integers(3))),
     ]
     gap = [sympy.S.Zero] * len(vertices)
     gap[0] = X * (1 - X) * dyadic(10.0 ** rng.uniform(-2, 1))
-    return vertices, parts, gap, (0,) if rng.random() < 0.3 else ()
+    return vertices, components, gap, (0,) if rng.random() < 0.3 else ()
 
 
-FAMILIES = (everywhere, in_zones, beside_a_base, in_zones)
+FAMILIES = (everywhere, draw_contact_zones, draw_contact_beside_base, draw_contact_zones)

@@ -54,8 +54,8 @@ def test_moments_with_hats_are_exact(q):
     """Against adaptive quadrature, cut at the jump and the peak; where q is linear it is its own part."""
     mesh = make_structured_mesh(square(), 1 / 4)
     value = FUNCTIONS[q]
-    found = project_given_flux(flux_of(q), mesh)
-    load = edge_load(mesh, found.end_values)[mesh.boundary[:5]]
+    flux = project_given_flux(flux_of(q), mesh)
+    load = edge_load(mesh, flux.end_values)[mesh.boundary[:5]]
     for i, x in enumerate(np.linspace(0, 1, 5)):
         cuts = sorted(
             {
@@ -65,31 +65,31 @@ def test_moments_with_hats_are_exact(q):
                 *(c for c in (0.29, 0.3, 0.31, 1 / 3) if abs(c - x) < 1 / 4),
             }
         )
-        parts = [
+        quads = [
             quad(lambda t, x=x: value(t) * (1 - 4 * abs(t - x)), a, b, epsabs=1e-14)[0]
             for a, b in pairwise(cuts)
         ]
-        assert load[i] == pytest.approx(sum(parts), abs=1e-12)
-    assert found.end_values[4:].max() == 0
-    assert (distance(mesh, found) < 1e-10) == (q == "3*x - 1")
+        assert load[i] == pytest.approx(sum(quads), abs=1e-12)
+    assert flux.end_values[4:].max() == 0
+    assert (distance(mesh, flux) < 1e-10) == (q == "3*x - 1")
 
 
-def distance(mesh, found, form=H1):
+def distance(mesh, flux, form=H1):
     """A bound on the norm of tau - tau~: that of p - tau~, and of a residual that has no parts but rho."""
     zero = np.zeros(len(mesh.triangles))
-    parts = ResidualParts(mesh, form, zero.copy(), zero, zero, zero.copy(), zero + np.inf)
-    add_given_flux_remainder(parts, found)
-    return found.projection_error(mesh, form) + parts.dual_norms()[0]
+    residual_parts = ResidualParts(mesh, form, zero.copy(), zero, zero, zero.copy(), zero + np.inf)
+    add_given_flux_remainder(residual_parts, flux)
+    return flux.projection_error(mesh, form) + residual_parts.dual_norms()[0]
 
 
-def supremum(mesh, found, fine, of_fine, form=H1):
+def supremum(mesh, flux, fine, fine_flux, form=H1):
     """sup <tau - tau~, v>/||v|| over V_h of a finer mesh, on which tau has those moments: a lower bound."""
     x = fine.s[:-1]
     edge = np.searchsorted(mesh.s, 0.5 * (fine.s[1:] + fine.s[:-1])) - 1
-    at = (np.stack([x, fine.s[1:]], axis=1) - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
-    linear = found.end_values[edge, :1] * (1 - at) + found.end_values[edge, 1:] * at
-    rest = edge_load(fine, of_fine.end_values - linear)
-    return np.sqrt(rest @ spsolve(form_matrix(fine, form).tocsc(), rest))
+    fractions = (np.stack([x, fine.s[1:]], axis=1) - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
+    linear = flux.end_values[edge, :1] * (1 - fractions) + flux.end_values[edge, 1:] * fractions
+    remaining_edge_load = edge_load(fine, fine_flux.end_values - linear)
+    return np.sqrt(remaining_edge_load @ spsolve(form_matrix(fine, form).tocsc(), remaining_edge_load))
 
 
 @pytest.mark.parametrize("q", [*FUNCTIONS][:3])
@@ -108,11 +108,11 @@ def test_what_is_left_is_bounded(q, kind):
     }[kind]()
     fine = meshes.refine_uniformly(mesh, 3 if kind != "coarsest" else 5)
     flux = flux_of(q)
-    found = project_given_flux(flux, mesh)
-    least = supremum(mesh, found, fine, project_given_flux(flux, fine))
-    assert least <= distance(mesh, found)
-    assert kind == "coarsest" or distance(mesh, found) <= 6 * least
-    assert distance(mesh, found._replace(oscillation=0 * found.oscillation)) < least
+    given_flux = project_given_flux(flux, mesh)
+    min_supremum = supremum(mesh, given_flux, fine, project_given_flux(flux, fine))
+    assert min_supremum <= distance(mesh, given_flux)
+    assert kind == "coarsest" or distance(mesh, given_flux) <= 6 * min_supremum
+    assert distance(mesh, given_flux._replace(oscillation=0 * given_flux.oscillation)) < min_supremum
 
 
 def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
@@ -120,19 +120,19 @@ def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
     right = flux_of("1 + sin(40*pi*x)")
     mesh = make_structured_mesh(square(), 1 / 2)
     monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", 8)
-    found = project_given_flux(flux_of("1 + sin(40*pi*x)"), mesh)
+    flux = project_given_flux(flux_of("1 + sin(40*pi*x)"), mesh)
     fine = meshes.refine_uniformly(mesh, 5)
-    least = supremum(mesh, found, fine, project_given_flux(right, fine))
-    assert least <= distance(mesh, found)
-    assert found.remainder_dual_norm(mesh, H1) > 0.5 * distance(mesh, found) > 0.1
+    min_supremum = supremum(mesh, flux, fine, project_given_flux(right, fine))
+    assert min_supremum <= distance(mesh, flux)
+    assert flux.remainder_dual_norm(mesh, H1) > 0.5 * distance(mesh, flux) > 0.1
     assert (
         distance(
             mesh,
-            found._replace(
-                remainder_norms=0 * found.remainder_norms, remainder_integrals=0 * found.remainder_integrals
+            flux._replace(
+                remainder_norms=0 * flux.remainder_norms, remainder_integrals=0 * flux.remainder_integrals
             ),
         )
-        < least
+        < min_supremum
     )
 
 
@@ -146,17 +146,19 @@ def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n, form):
     """
     mesh = make_structured_mesh(square(), 1 / n)
     bottom = np.arange(4 * n) < n
-    of_means = rho == "mean"
+    means = rho == "mean"
     zero = np.zeros(4 * n)
     norm = np.where(bottom, n**-0.5, 0.0)
-    mean = np.where(bottom & of_means, 1 / n, 0.0)
-    found = GivenEdgeFlux(np.zeros((4 * n, 2)), zero, norm, mean)
+    mean = np.where(bottom & means, 1 / n, 0.0)
+    edge_flux = GivenEdgeFlux(np.zeros((4 * n, 2)), zero, norm, mean)
     fine = meshes.refine_uniformly(mesh, 5 if n == 1 else 3)
-    exact = project_given_flux(flux_of("1" if of_means else f"sqrt(2)*cos({n}*pi*x)"), fine)
-    least = supremum(mesh, no_given_flux(mesh), fine, exact, form)
-    assert least <= distance(mesh, found, form)
-    without = found._replace(remainder_integrals=zero) if of_means else found._replace(remainder_norms=zero)
-    assert distance(mesh, without, form) < least or (of_means and form.c / n**2 > 0.1 * form.k)
+    exact = project_given_flux(flux_of("1" if means else f"sqrt(2)*cos({n}*pi*x)"), fine)
+    min_supremum = supremum(mesh, no_given_flux(mesh), fine, exact, form)
+    assert min_supremum <= distance(mesh, edge_flux, form)
+    without = (
+        edge_flux._replace(remainder_integrals=zero) if means else edge_flux._replace(remainder_norms=zero)
+    )
+    assert distance(mesh, without, form) < min_supremum or (means and form.c / n**2 > 0.1 * form.k)
 
 
 def test_a_jump_at_a_node_may_be_on_either_edge():
@@ -188,8 +190,8 @@ def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
     """Its place is known up to the reach: on twice that the flux may differ by 3."""
     mesh = make_structured_mesh(square(), 1 / 4)
     flux = flux_of("3*pos(x - 1/3, 0)")
-    at = np.argmin(np.abs(flux.points - 1 / 3))
-    flux = replace(flux, jumps=np.where(np.arange(len(flux.jumps)) == at, 3.0, 0.0))
+    index = np.argmin(np.abs(flux.points - 1 / 3))
+    flux = replace(flux, jumps=np.where(np.arange(len(flux.jumps)) == index, 3.0, 0.0))
     norm, integral = module._remainder_bounds(
         flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float))
     )
@@ -203,25 +205,25 @@ def test_places_on_an_edge_are_known_up_to_the_reach():
     flux = flux_of("1000/3")
     edge = np.array([0, 1])
     size = np.array([2.0, 3.0])
-    found = module._given_flux_rounding(flux, mesh, edge, size)
-    assert np.all(found[:2] >= size * (8 * 2**-52 + flux.reach / 0.25))
-    assert not found[2:].any()
+    flux_rounding = module._given_flux_rounding(flux, mesh, edge, size)
+    assert np.all(flux_rounding[:2] >= size * (8 * 2**-52 + flux.reach / 0.25))
+    assert not flux_rounding[2:].any()
 
 
 def test_rounding_is_unknown_too():
     """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
     flux = flux_of("1000/3")
     exact = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps)
-    found = project_given_flux(exact, make_structured_mesh(square(), 1 / 4))
-    assert 2**-53 * 333 < found.remainder_dual_norm(make_structured_mesh(square(), 1 / 4), H1) < 1e-10
+    computed = project_given_flux(exact, make_structured_mesh(square(), 1 / 4))
+    assert 2**-53 * 333 < computed.remainder_dual_norm(make_structured_mesh(square(), 1 / 4), H1) < 1e-10
 
 
 def test_a_jump_leaves_next_to_nothing_unknown():
     """A piece of 2^-44 with half of the jump: in L2 2^-23; its mean is 2^-45."""
     mesh = make_structured_mesh(square(), 1 / 8)
-    found = project_given_flux(flux_of("2*pos(x - 1/3, 0)"), mesh)
-    assert found.remainder_dual_norm(mesh, H1) <= 2**-20
-    assert distance(mesh, found) > 0.01
+    flux = project_given_flux(flux_of("2*pos(x - 1/3, 0)"), mesh)
+    assert flux.remainder_dual_norm(mesh, H1) <= 2**-20
+    assert distance(mesh, flux) > 0.01
 
 
 def test_a_flux_without_bounds_is_not_taken_for_one():
@@ -232,12 +234,12 @@ def test_a_flux_without_bounds_is_not_taken_for_one():
     assert distance(mesh, project_given_flux(worse.enclosed_flux, mesh)) == np.inf
 
 
-def test_none_is_given():
+def test_without_a_given_flux_nothing_of_it_is_unknown():
     mesh = make_structured_mesh(square(), 1 / 2)
-    found = project_given_flux(ul.case("natural").enclosed_flux, mesh)
-    assert distance(mesh, found) < 1e-140
-    assert found.remainder_dual_norm(mesh, H1) == 0
-    assert not found.end_values.any()
+    flux = project_given_flux(ul.case("natural").enclosed_flux, mesh)
+    assert distance(mesh, flux) < 1e-140
+    assert flux.remainder_dual_norm(mesh, H1) == 0
+    assert not flux.end_values.any()
     assert no_given_flux(mesh).oscillation.shape == (8,)
 
 
@@ -250,18 +252,20 @@ def test_what_the_flux_leaves_of_lambda_is_its_norm():
     mesh = make_structured_mesh(square(), 1 / 3)
     cells = partitions.make_shifted_partition(square(), 0.11, 0.3)
     lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
-    found = build_normal_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(c=0.0))
+    normal_flux = build_normal_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(c=0.0))
     x = (np.arange(20_000) + 0.5) / 20_000
     limited = []
     for e, length in enumerate(np.diff(mesh.s)):
         value = lambda_H[np.searchsorted(cells.points, mesh.s[e] + length * x) - 1]
-        q_n = found.end_values[e, 0] * (1 - x) + found.end_values[e, 1] * x
-        assert found.oscillation_squares[e] == pytest.approx(length * np.mean((value - q_n) ** 2), rel=2e-3)
+        q_n = normal_flux.end_values[e, 0] * (1 - x) + normal_flux.end_values[e, 1] * x
+        assert normal_flux.oscillation_squares[e] == pytest.approx(
+            length * np.mean((value - q_n) ** 2), rel=2e-3
+        )
         assert np.mean(q_n) == pytest.approx(np.mean(value), rel=1e-3)
         slope = 6 * np.mean((2 * x - 1) * value)
-        limited.append(abs(np.diff(found.end_values[e])[0] - slope) > 1e-2 * abs(slope))
-    assert np.all(found.end_values >= 0)
-    np.testing.assert_array_equal(found.square_constants == MEAN_FREE_SQUARE_CONSTANT, limited)
+        limited.append(abs(np.diff(normal_flux.end_values[e])[0] - slope) > 1e-2 * abs(slope))
+    assert np.all(normal_flux.end_values >= 0)
+    np.testing.assert_array_equal(normal_flux.square_constants == MEAN_FREE_SQUARE_CONSTANT, limited)
     assert 0 < sum(limited) < len(limited)
 
 
@@ -288,8 +292,8 @@ def test_what_is_unknown_counts_by_gradients_and_values(form):
     integral[4] = 5.0
     rho = GivenEdgeFlux(np.zeros((32, 2)), np.ones(32), size, integral)
     constant = trace_constants(mesh, 1 / BESSEL_ZERO)[3]
-    of_values = 5.0 / math.sqrt(mesh.areas[0]) * form.value_constant
-    assert rho.remainder_dual_norm(mesh, form) == pytest.approx(2 * math.sqrt(constant / form.k) + of_values)
+    values = 5.0 / math.sqrt(mesh.areas[0]) * form.value_constant
+    assert rho.remainder_dual_norm(mesh, form) == pytest.approx(2 * math.sqrt(constant / form.k) + values)
 
 
 def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_moments():
@@ -297,10 +301,10 @@ def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_mome
     mesh = make_structured_mesh(square(), 1 / 8)
     flux = flux_of("5")
     flux = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps, reach=0.01 / 8)
-    found = project_given_flux(flux, mesh)
-    assert np.all(found.remainder_norms[:8] >= 0.05 * np.sqrt(1 / 8))
-    assert np.all(found.remainder_integrals[:8] >= 0.05 / 8)
-    assert not found.remainder_norms[8:].any()
+    given_flux = project_given_flux(flux, mesh)
+    assert np.all(given_flux.remainder_norms[:8] >= 0.05 * np.sqrt(1 / 8))
+    assert np.all(given_flux.remainder_integrals[:8] >= 0.05 / 8)
+    assert not given_flux.remainder_norms[8:].any()
 
 
 def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():
@@ -308,8 +312,10 @@ def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():
     mesh = make_structured_mesh(square(), 1 / 2)
     cells = partitions.from_points(square(), [0, 0.3, 1, 2, 3, 4])
     lambda_H = np.array([2.0, 1.0, 0.5, 0.0, 0.0])
-    found = build_normal_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(2.0, 0.0)).contact_scale
-    assert found.tolist() == pytest.approx([0.35, 0.35, 0.25, 0.25, 0, 0, 0, 0])
+    contact_scale = build_normal_flux(
+        mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(2.0, 0.0)
+    ).contact_scale
+    assert contact_scale.tolist() == pytest.approx([0.35, 0.35, 0.25, 0.25, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("ratio", [1e-3, 2.0, 1e3])
@@ -323,16 +329,16 @@ def test_where_no_layer_is_seen_sigma_is_at_most_the_flux_of_u_h(ratio):
     k = 3.0
     form = Form(k, ratio * EDGE_REACTION_RATIO * k * 16)
     lambda_H = np.full(cells.n_cells, 5.0)
-    found = build_normal_flux(mesh, cells, lambda_H, mesh.points[:, 0], form)
+    normal_flux = build_normal_flux(mesh, cells, lambda_H, mesh.points[:, 0], form)
     w = min(1.0, 1 / ratio) ** 2
     for side, flux in ((0, 0.0), (1, 3.0), (2, 0.0), (3, 0.0)):
         expected = w * 5 + (1 - w) * flux
-        assert found.end_values[mesh.side == side] == pytest.approx(expected)
-        assert found.reduction_squares[mesh.side == side] == pytest.approx((5 - expected) ** 2 / 4)
-    assert not found.oscillation_squares.any()
-    lowered = math.sqrt(value_constants(mesh, form) @ found.reduction_squares)
-    assert found.multiplier_distance(mesh, form) == pytest.approx(lowered)
-    assert found.contact_scale == pytest.approx(w * 5 / 4 / 3)
+        assert normal_flux.end_values[mesh.side == side] == pytest.approx(expected)
+        assert normal_flux.reduction_squares[mesh.side == side] == pytest.approx((5 - expected) ** 2 / 4)
+    assert not normal_flux.oscillation_squares.any()
+    lowered = math.sqrt(value_constants(mesh, form) @ normal_flux.reduction_squares)
+    assert normal_flux.multiplier_distance(mesh, form) == pytest.approx(lowered)
+    assert normal_flux.contact_scale == pytest.approx(w * 5 / 4 / 3)
     free = build_normal_flux(mesh, cells, 0 * lambda_H, mesh.points[:, 0], form)
     assert not free.end_values.any()
     assert free.multiplier_distance(mesh, form) == 0

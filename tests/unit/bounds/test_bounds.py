@@ -56,14 +56,19 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
     the sharp one that eta is of higher order, so that 2.5 is much for the index of lambda. The last two cases
     have contact zones and cutoffs of 1/3 and 1/4, so they need finer meshes.
     """
-    found = [(bound(*of.given), of) for of in (pair(name, n) for n in fineness)]
-    indices = [each.u / of.h1_error for each, of in found]
-    assert all(of.exceeded_by(each) for each, of in found)
+    bounds_and_pairs = [
+        (bound(*known_pair.bound_arguments), known_pair) for known_pair in (pair(name, n) for n in fineness)
+    ]
+    indices = [bounds_of_pair.u / known_pair.h1_error for bounds_of_pair, known_pair in bounds_and_pairs]
+    assert all(known_pair.is_below(bounds_of_pair) for bounds_of_pair, known_pair in bounds_and_pairs)
     assert np.all(np.diff(indices) < 0)
     assert indices[-1] <= 1.3
     if bound is sharp_bound:
         assert indices[0] <= 1.3
-        assert all(each.lambda_ <= 2.5 * of.upper for each, of in found)
+        assert all(
+            bounds_of_pair.lambda_ <= 2.5 * known_pair.upper
+            for bounds_of_pair, known_pair in bounds_and_pairs
+        )
 
 
 TEN_DEGREES = np.radians(10)
@@ -79,7 +84,7 @@ SEEN = {
 
 @pytest.mark.parametrize("name", SEEN)
 @pytest.mark.parametrize("shift", [0.0, 0.37])
-def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
+def test_the_bound_holds_where_cells_end_inside_edges(name, shift):
     """Full contact with a g that is not quadratic, triangles of all shapes.
 
     lambda_H jumps inside edges. There the flux has not its moments, and the patches do not fit: valid all the
@@ -96,9 +101,9 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     assert np.all(flux > 0)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
-    given = given_to(problem, mesh, cells, u_h, lambda_H)
-    local = local_bound(*given)
-    sharp = sharp_bound(*given)
+    arguments = given_to(problem, mesh, cells, u_h, lambda_H)
+    local = local_bound(*arguments)
+    sharp = sharp_bound(*arguments)
     error = problem.error(mesh, u_h)
     true = build_dual_norm(cells, [problem]).bound_error(problem, lambda_H[None])
     assert sharp.lift_norm > 0
@@ -130,22 +135,22 @@ def test_free_sides_have_no_obstacle(bound, index):
 
 
 @pytest.mark.parametrize(("bound", "n"), [(local_bound, 16), (sharp_bound, 8)])
-def test_nothing_but_free_sides(bound, n):
+def test_the_bound_holds_and_is_sharp_with_free_sides_alone(bound, n):
     """Neumann's problem: only what f - f_h does is left beside eta, and for u_h d = v - u_h."""
     problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
     mesh = make_structured_mesh(square(), 1 / n)
     cells = partitions.make_uniform_partition(square(), 2 / n)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
-    found = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
+    bounds = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
     error = problem.error(mesh, u_h)
-    assert error <= found.u <= 1.3 * error
-    assert found.lambda_ == 0
-    assert found.lift_norm < 1e-140  # what squares that underflow may hide
+    assert error <= bounds.u <= 1.3 * error
+    assert bounds.lambda_ == 0
+    assert bounds.lift_norm < 1e-140  # what squares that underflow may hide
 
 
 @BOUNDS
-def test_a_mesh_of_one_triangle(bound):
+def test_the_bound_holds_on_a_mesh_of_one_triangle(bound):
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
     mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
@@ -163,30 +168,32 @@ def test_what_is_free_of_means_on_triangles_counts(bound, monkeypatch):
     cells = partitions.make_uniform_partition(square(), 1 / 2)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
-    given = given_to(problem, mesh, cells, u_h, zero)
+    arguments = given_to(problem, mesh, cells, u_h, zero)
     error = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)])
-    own = ResidualParts.dual_norms
-    assert error <= bound(*given).u
+    original = ResidualParts.dual_norms
+    assert error <= bound(*arguments).u
     without = {"oscillation": np.zeros(len(mesh.triangles))}
-    monkeypatch.setattr(ResidualParts, "dual_norms", lambda self: own(self._replace(**without)))
-    assert bound(*given).u < error
+    monkeypatch.setattr(ResidualParts, "dual_norms", lambda self: original(self._replace(**without)))
+    assert bound(*arguments).u < error
 
 
 @pytest.mark.parametrize("size", NOISE)
 def test_noise_in_u_h_is_in_the_residual(size):
-    of = pair("natural", 8)
-    noisy = of.with_noise(size, np.random.default_rng(3))
-    assert local_bound(*noisy.given).u > max(size - of.h1_error, 0.1 * size)
+    known_pair = pair("natural", 8)
+    noisy = known_pair.add_noise(size, np.random.default_rng(3))
+    assert local_bound(*noisy.bound_arguments).u > max(size - known_pair.h1_error, 0.1 * size)
 
 
 def test_a_triangle_s_share_is_its_own():
     """A value of u_h at a node in the middle moves shares of triangles at its neighbours, and no others."""
-    of = pair("natural", 16)
-    node = np.argmin(np.hypot(*(of.mesh.points - 0.5).T))
-    n = of.mesh.n_nodes
-    before = local_bound(*of._replace(u_h=of.u_h + 0.01 * 0).given).shares
-    after = local_bound(*of._replace(u_h=of.u_h + 0.01 * np.eye(n)[node]).given).shares
-    nodes = of.mesh.triangles
+    known_pair = pair("natural", 16)
+    node = np.argmin(np.hypot(*(known_pair.mesh.points - 0.5).T))
+    n = known_pair.mesh.n_nodes
+    before = local_bound(*known_pair._replace(u_h=known_pair.u_h + 0.01 * 0).bound_arguments).shares
+    after = local_bound(
+        *known_pair._replace(u_h=known_pair.u_h + 0.01 * np.eye(n)[node]).bound_arguments
+    ).shares
+    nodes = known_pair.mesh.triangles
     near = np.isin(nodes, nodes[(nodes == node).any(axis=1)]).any(axis=1)
     assert np.all(after[~near] == before[~near])
     assert after[near].sum() > 2 * before[near].sum()
@@ -195,15 +202,15 @@ def test_a_triangle_s_share_is_its_own():
 @BOUNDS
 def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
     """Control: for lambda_H = 0 the flux is that of Neumann's problem; its v, below g, seems to be exact."""
-    of = pair("full_contact", 8, crude="zero")
-    assert of.exceeded_by(bound(*of.given))
+    known_pair = pair("full_contact", 8, crude="zero")
+    assert known_pair.is_below(bound(*known_pair.bound_arguments))
     monkeypatch.setattr(feasible, "find_contact", lambda g, u_h, _: np.zeros(len(u_h), dtype=bool))
-    assert of.exceeded_by(bound(*of.given))
-    nothing = feasible.Shortfall(*np.zeros((4, len(of.mesh.boundary))))
-    no_contact = np.zeros(len(of.mesh.boundary), dtype=bool)
+    assert known_pair.is_below(bound(*known_pair.bound_arguments))
+    nothing = feasible.Shortfall(*np.zeros((4, len(known_pair.mesh.boundary))))
+    no_contact = np.zeros(len(known_pair.mesh.boundary), dtype=bool)
     monkeypatch.setattr(feasible, "raise_to_obstacle", lambda *_, v, **__: (v, no_contact))
     monkeypatch.setattr(feasible, "bound_shortfall", lambda *_: nothing)
-    assert not of.exceeded_by(bound(*of.given))
+    assert not known_pair.is_below(bound(*known_pair.bound_arguments))
 
 
 @pytest.mark.parametrize(
@@ -211,13 +218,17 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
 )
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, times, monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is so many times as large."""
-    of = pair("full_contact", 8)
-    right = module.build_normal_flux(of.mesh, of.cells, of.lambda_H, of.u_h, H1)
-    wrong = of._replace(lambda_H=times * of.lambda_H)
-    lower = float(norm_for("full_contact", 4, "square").bound_error(of.case, wrong.lambda_H[None]).lower[0])
-    assert lower <= bound(*wrong.given).lambda_
+    known_pair = pair("full_contact", 8)
+    right = module.build_normal_flux(
+        known_pair.mesh, known_pair.cells, known_pair.lambda_H, known_pair.u_h, H1
+    )
+    wrong = known_pair._replace(lambda_H=times * known_pair.lambda_H)
+    lower = float(
+        norm_for("full_contact", 4, "square").bound_error(known_pair.case, wrong.lambda_H[None]).lower[0]
+    )
+    assert lower <= bound(*wrong.bound_arguments).lambda_
     monkeypatch.setattr(module, "build_normal_flux", lambda *_: right)
-    assert lower > 5 * bound(*wrong.given).lambda_
+    assert lower > 5 * bound(*wrong.bound_arguments).lambda_
 
 
 def near_the_solution():
@@ -228,12 +239,12 @@ def near_the_solution():
     return given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5))
 
 
-def with_more_missing(bound, monkeypatch, field, more):
+def add_shortfall(bound, monkeypatch, field, extra):
     """The bound as it is, and if that much more is missing on every edge."""
-    own = feasible.bound_shortfall
+    original = feasible.bound_shortfall
 
-    def missing(*given):
-        return own(*given)._replace(**{field: getattr(own(*given), field) + more})
+    def missing(*arguments):
+        return original(*arguments)._replace(**{field: getattr(original(*arguments), field) + extra})
 
     before = bound(*near_the_solution())
     monkeypatch.setattr(feasible, "bound_shortfall", missing)
@@ -246,19 +257,19 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
 
     D is small here against eta, so that nothing is taken off again.
     """
-    found = with_more_missing(bound, monkeypatch, "edge_complementarity", 0.5 / 16)
-    assert all(each.lift_norm < 0.2 for each in found)
-    before, after = (each.u**2 for each in found)
-    assert after - before == pytest.approx(1, rel=1e-6)
+    bounds = add_shortfall(bound, monkeypatch, "edge_complementarity", 0.5 / 16)
+    assert all(bound_with_slack.lift_norm < 0.2 for bound_with_slack in bounds)
+    before, after = bounds
+    assert after.u**2 - before.u**2 == pytest.approx(1, rel=1e-6)
 
 
 @BOUNDS
 def test_what_is_missing_counts_for_u_by_its_norm(bound, monkeypatch):
     """X^2 <= R + D^2: where D is larger, and R as before, the square for u has the difference of both D^2."""
-    found = with_more_missing(bound, monkeypatch, "extension_squares", 0.01)
-    before, after = (each.u**2 - each.lift_norm**2 for each in found)
-    assert after == pytest.approx(before, rel=1e-6)
-    assert found[1].lift_norm > found[0].lift_norm + 0.1
+    bounds = add_shortfall(bound, monkeypatch, "extension_squares", 0.01)
+    before, after = bounds
+    assert after.u**2 - after.lift_norm**2 == pytest.approx(before.u**2 - before.lift_norm**2, rel=1e-6)
+    assert after.lift_norm > before.lift_norm + 0.1
 
 
 def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
@@ -266,18 +277,22 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
 
     <sigma, u_h + d - g> grows by 2 t times the force, and the function added is t on the whole boundary.
     """
-    of = pair("full_contact", 8)
+    known_pair = pair("full_contact", 8)
     t = 1e-3
-    force = of.cells.lengths @ of.lambda_H
+    force = known_pair.cells.lengths @ known_pair.lambda_H
     shorts = []
-    own = feasible.bound_shortfall
-    monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: shorts.append(own(*given)) or shorts[-1])
-    data, *others = of.given
-    g = of.case.problem.enclosed_obstacle
+    original = feasible.bound_shortfall
+    monkeypatch.setattr(
+        feasible, "bound_shortfall", lambda *arguments: shorts.append(original(*arguments)) or shorts[-1]
+    )
+    data, *discrete_arguments = known_pair.bound_arguments
+    g = known_pair.case.problem.enclosed_obstacle
     for obstacle in (g, replace(g, remainder=g.remainder + t, upper=g.upper + t)):
-        local_bound(replace(data, constraint=build_constraint(obstacle, of.mesh, H1)), *others)
-    known, doubtful = shorts
-    assert doubtful.complementarity - known.complementarity == pytest.approx(2 * t * force, rel=1e-6)
+        local_bound(
+            replace(data, constraint=build_constraint(obstacle, known_pair.mesh, H1)), *discrete_arguments
+        )
+    expected, doubtful = shorts
+    assert doubtful.complementarity - expected.complementarity == pytest.approx(2 * t * force, rel=1e-6)
     np.testing.assert_allclose(doubtful.nodal_raise, t, rtol=1e-6)
 
 
@@ -304,19 +319,19 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
 
 
 @BOUNDS
-def test_bad_input(bound):
+def test_input_that_does_not_fit_is_refused(bound):
     problem = Manufactured(square(), LINEAR_SOURCE)
     mesh = make_structured_mesh(square(), 1 / 4)
     cells = partitions.make_uniform_partition(square(), 1 / 2)
     u_h = np.zeros(mesh.n_nodes)
     lambda_H = np.ones(cells.n_cells)
 
-    def refused(cells=cells, u_h=u_h, lambda_H=lambda_H, free=()):
+    def expect_refusal(cells=cells, u_h=u_h, lambda_H=lambda_H, free=()):
         with sentences.raises(InputError):
             bound(*given_to(problem, mesh, cells, u_h, lambda_H, free))
 
-    refused(cells=partitions.make_uniform_partition(find_polygon("lshape"), 1))
-    refused(u_h=u_h[1:])
-    refused(lambda_H=np.full(8, np.nan))
-    refused(lambda_H=lambda_H - 1.5)
-    refused(free=(2,))
+    expect_refusal(cells=partitions.make_uniform_partition(find_polygon("lshape"), 1))
+    expect_refusal(u_h=u_h[1:])
+    expect_refusal(lambda_H=np.full(8, np.nan))
+    expect_refusal(lambda_H=lambda_H - 1.5)
+    expect_refusal(free=(2,))

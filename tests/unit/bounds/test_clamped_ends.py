@@ -64,28 +64,28 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
 
 def test_the_part_after_a_clamped_side_has_its_least_gap():
     """Up to where the gap is below half of 2.5: three edges, on which it is 2 at least."""
-    found = ends(clamped=3)
-    assert found.gap_length == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
-    assert found.gamma == pytest.approx([2.0, 1, 1, 1])
-    assert found.gamma_force_bound == 7.0
+    clamped_ends = ends(clamped=3)
+    assert clamped_ends.gap_length == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
+    assert clamped_ends.gamma == pytest.approx([2.0, 1, 1, 1])
+    assert clamped_ends.gamma_force_bound == 7.0
 
 
 def test_the_part_before_a_clamped_side_runs_backwards():
     """From the other end of side 0, with its longest edge first; gaps are 2.5, 2, 2, 1.2 from there."""
-    found = ends(clamped=1, u_on_side_0=U_H[::-1])
-    assert found.gap_length == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
-    assert found.gamma == pytest.approx([1, 2.0, 1, 1])
+    clamped_ends = ends(clamped=1, u_on_side_0=U_H[::-1])
+    assert clamped_ends.gap_length == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
+    assert clamped_ends.gamma == pytest.approx([1, 2.0, 1, 1])
 
 
 def test_where_all_of_a_side_is_wide_all_of_it_counts():
-    found = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
-    assert (found.gap_length[0], found.gamma[0]) == pytest.approx((1.0, 2.0))
+    clamped_ends = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
+    assert (clamped_ends.gap_length[0], clamped_ends.gamma[0]) == pytest.approx((1.0, 2.0))
 
 
 @pytest.mark.parametrize("u_at_vertex", [0.0, -1.0])
 def test_without_a_gap_at_the_vertex_nothing_is_known(u_at_vertex):
-    found = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
-    assert not found.gap_length.any()
+    clamped_ends = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
+    assert not clamped_ends.gap_length.any()
 
 
 def test_beside_free_sides_nothing_is_known():
@@ -106,15 +106,15 @@ def test_the_doubt_on_an_edge_and_those_beside_it_lowers_v(edge):
     at least.
     """
     assert LOWERING_PER_REMAINDER >= 2
-    found = ends(clamped=3, doubts=[(edge, 0.01)])
-    assert found.gamma[0] == pytest.approx(2.0 - LOWERING_PER_REMAINDER * 0.01)
+    clamped_ends = ends(clamped=3, doubts=[(edge, 0.01)])
+    assert clamped_ends.gamma[0] == pytest.approx(2.0 - LOWERING_PER_REMAINDER * 0.01)
 
 
 def test_the_doubt_of_the_clamped_side_lowers_v_at_the_vertex():
     """u_D is known up to 0.4 on the last edge of side 3, so v may be lower by that at vertex 0, and not g."""
-    found = ends(clamped=3, doubts=[(15, 0.4)])
-    assert found.gamma[0] <= 2.5 - 0.4
-    assert found.gamma[0] == pytest.approx(2.5 - LOWERING_PER_REMAINDER * 0.4)
+    clamped_ends = ends(clamped=3, doubts=[(15, 0.4)])
+    assert clamped_ends.gamma[0] <= 2.5 - 0.4
+    assert clamped_ends.gamma[0] == pytest.approx(2.5 - LOWERING_PER_REMAINDER * 0.4)
     assert not ends(clamped=3, doubts=[(15, 0.7)]).gap_length.any()
 
 
@@ -126,14 +126,14 @@ def test_next_to_contact_there_is_no_gap(pushed, reach):
 
 def clamps(reach, gamma, product=6.0, clamped=(3,), free=()):
     form = Form(c=0.0, clamped=clamped, friedrichs=2.0, free=free)
-    known = ClampedEnds(np.array(reach, float), np.array(gamma, float), product)
-    return ReactionData(form, np.zeros((2, 4)), known, 0.5)
+    known_clamped_ends = ClampedEnds(np.array(reach, float), np.array(gamma, float), product)
+    return ReactionData(form, np.zeros((2, 4)), known_clamped_ends, 0.5)
 
 
 def test_forces_lack_the_product_over_the_gap():
     """int lambda <= <lambda, v - g> / gamma where v - g >= gamma; the bound above of side 0 lacks it."""
-    known = clamps([0.3, 0, 0, 0], [3, 1, 1, 1])
-    assert conflict_allowances(BOUNDARY, np.array([0]), known) == (0.0, 2.0)
+    known_clamps = clamps([0.3, 0, 0, 0], [3, 1, 1, 1])
+    assert conflict_allowances(BOUNDARY, np.array([0]), known_clamps) == (0.0, 2.0)
     assert conflict_allowances(BOUNDARY, np.array([3]), clamps([0.3, 0, 0, 0.4], [3, 1, 1, 12])) == (2.0, 0.0)
 
 
@@ -145,17 +145,17 @@ def test_the_first_edge_has_to_lie_within_reach(reach, amount):
 
 @pytest.mark.parametrize(("reach", "amount"), [(0.4, 2.0), (0.39, math.inf)])
 def test_before_a_clamped_side_it_is_the_last_edge(reach, amount):
-    known = clamps([0, reach, 0, 0], [1, 3, 1, 1], clamped=(1,))
-    assert conflict_allowances(BOUNDARY, np.array([0]), known)[1] == amount
+    known_clamps = clamps([0, reach, 0, 0], [1, 3, 1, 1], clamped=(1,))
+    assert conflict_allowances(BOUNDARY, np.array([0]), known_clamps)[1] == amount
 
 
 @pytest.mark.parametrize("gamma", [[3, 2, 1, 1], [2, 3, 1, 1]])
 def test_of_two_ends_the_worse_one_counts(gamma):
     """Side 0 between two clamped ones. lambda >= 0, so both pieces together have at most that."""
-    known = clamps([0.1, 0.4, 0, 0], gamma, clamped=(1, 3))
-    assert conflict_allowances(BOUNDARY, np.array([0]), known) == (0.0, 3.0)
-    known = clamps([0.1, 0.3, 0, 0], [3, 2, 1, 1], clamped=(1, 3))
-    assert conflict_allowances(BOUNDARY, np.array([0]), known)[1] == math.inf
+    known_clamps = clamps([0.1, 0.4, 0, 0], gamma, clamped=(1, 3))
+    assert conflict_allowances(BOUNDARY, np.array([0]), known_clamps) == (0.0, 3.0)
+    known_clamps = clamps([0.1, 0.3, 0, 0], [3, 2, 1, 1], clamped=(1, 3))
+    assert conflict_allowances(BOUNDARY, np.array([0]), known_clamps)[1] == math.inf
 
 
 @pytest.mark.parametrize(("reach", "nodes"), [(0.1, []), (0.31, [1]), (0.59, [1]), (0.61, [1, 2])])
@@ -165,13 +165,13 @@ def test_w_is_lower_only_at_nodes_between_edges_within_reach(reach, nodes):
 
 @pytest.mark.parametrize(("reach", "nodes"), [(0.41, []), (0.71, [3]), (0.91, [2, 3])])
 def test_before_a_clamped_side_nodes_are_counted_from_its_vertex(reach, nodes):
-    known = clamps([0, reach, 0, 0], [1, 1, 1, 1], clamped=(1,))
-    assert sorted(gap_nodes(BOUNDARY, 1, known).tolist()) == nodes
+    known_clamps = clamps([0, reach, 0, 0], [1, 1, 1, 1], clamped=(1,))
+    assert sorted(gap_nodes(BOUNDARY, 1, known_clamps).tolist()) == nodes
 
 
 def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
     """||v||_0 is at most C |v|_1 and, where c > 0, at most the energy norm over c^(1/2)."""
-    known = clamps([0] * 4, [1] * 4)  # C = 2
+    known_clamps = clamps([0] * 4, [1] * 4)  # C = 2
     for k, c, depth in (
         (1, 0, 2.0),
         (9, 0, 2.0),
@@ -180,7 +180,9 @@ def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
         (1, 4, 0.5),
         (1e-50, 1e50, 1e-50),
     ):
-        assert known._replace(form=known.form._replace(k=k, c=c)).depth == pytest.approx(depth, rel=1e-14)
+        assert known_clamps._replace(form=known_clamps.form._replace(k=k, c=c)).depth == pytest.approx(
+            depth, rel=1e-14
+        )
     assert no_reactions(4).depth == 1.0
     assert not no_clamped_ends(4).gap_length.any()
 
@@ -190,8 +192,8 @@ def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
     mesh = make_structured_mesh(square(), 1 / 2)
     q = np.zeros((2, len(mesh.triangulation.ends)))
     q[0, mesh.triangulation.boundary_edges] = np.arange(8.0) * [1, 1, 1, 1, 1, 1, 1, -1]
-    found = outflows(mesh, Form(c=0.0, clamped=(3,)), q)
-    assert found.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
+    flux_through_sides = outflows(mesh, Form(c=0.0, clamped=(3,)), q)
+    assert flux_through_sides.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
 
 
 # gamma <lambda, w> <= B + S^2 / 4, where S has all parts of the residual of v, each made large
@@ -239,44 +241,44 @@ LARGE = 1e6
 
 def test_the_product_has_a_quarter_of_the_square_of_the_residual(arguments, monkeypatch):
     """The field q - k grad v is that large on one triangle; of u_h it is as before."""
-    own = local_bounds.add_lift_to_residual
+    original = local_bounds.add_lift_to_residual
 
-    def move_parts(parts, *others):
-        own(parts, *others)
-        parts.misfit[0] = LARGE
+    def move_parts(components, *arguments):
+        original(components, *arguments)
+        components.misfit[0] = LARGE
 
     monkeypatch.setattr(local_bounds, "add_lift_to_residual", move_parts)
-    found = local_bounds.local_bound(*arguments)
-    assert LARGE**2 / 4 <= found.clamped_ends.gamma_force_bound <= LARGE**2 / 4 * (1 + 1e-5)
-    assert found.u < LARGE
+    bound = local_bounds.local_bound(*arguments)
+    assert LARGE**2 / 4 <= bound.clamped_ends.gamma_force_bound <= LARGE**2 / 4 * (1 + 1e-5)
+    assert bound.u < LARGE
 
 
-def raised(monkeypatch, **parts):
+def raise_by_shortfall(monkeypatch, **options):
     """`Shortfall` has other numbers on the first boundary edge, which has no other part in the product."""
-    own = local_bounds.build_lifting
+    original = local_bounds.build_lifting
 
-    def lifting(*of):
-        made = own(*of)
+    def lifting(*arguments):
+        lift_map = original(*arguments)
 
-        class Lifted(type(made)):
+        class Lifted(type(lift_map)):
             def make_feasible(self, nodal, bubbles):
-                lift = made.make_feasible(nodal, bubbles)
+                lift = lift_map.make_feasible(nodal, bubbles)
                 first = np.arange(len(nodal)) == 0
-                parts_of_first = {k: np.where(first, v, 0.0) for k, v in parts.items()}
-                return lift._replace(shortfall=lift.shortfall._replace(**parts_of_first))
+                changed = {name: np.where(first, value, 0.0) for name, value in options.items()}
+                return lift._replace(shortfall=lift.shortfall._replace(**changed))
 
-        return Lifted(*made)
+        return Lifted(*lift_map)
 
     monkeypatch.setattr(local_bounds, "build_lifting", lifting)
 
 
 def test_the_product_has_the_slack_once(arguments, monkeypatch):
-    raised(monkeypatch, edge_complementarity=LARGE)
+    raise_by_shortfall(monkeypatch, edge_complementarity=LARGE)
     assert LARGE <= local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound <= LARGE + 1
 
 
 def test_the_product_has_a_quarter_of_the_square_of_the_extension(arguments, monkeypatch):
     """The energy norm of w is 1e6, of what is missing at the boundary."""
-    raised(monkeypatch, extension_squares=LARGE**2)
-    found = local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound
-    assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
+    raise_by_shortfall(monkeypatch, extension_squares=LARGE**2)
+    gamma_force_bound = local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound
+    assert LARGE**2 / 4 <= gamma_force_bound <= LARGE**2 / 4 * (1 + 1e-5)

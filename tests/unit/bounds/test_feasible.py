@@ -28,7 +28,7 @@ WAVES = {
 }
 
 
-def on_edges(text, n=4):
+def make_constraint(text, n=4):
     """The constraint on all edges of a mesh of the unit square."""
     problem = ul.Problem(square(), f=0, g=text)
     mesh = make_structured_mesh(square(), 1 / n)
@@ -36,28 +36,31 @@ def on_edges(text, n=4):
 
 
 @pytest.mark.parametrize("text", WAVES)
-@pytest.mark.parametrize("most", [8, 60_000])
-def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
+@pytest.mark.parametrize("maximum", [8, 60_000])
+def test_g_is_within_the_doubt_of_p(text, maximum, monkeypatch):
     """In the points of the rule, against numpy. With 8 pieces the doubt is of the size of what p misses."""
-    monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", most)
-    found = on_edges(text)
-    s = found.mesh.s[found.edge][:, None] + found.x * np.diff(found.mesh.s)[found.edge][:, None]
-    side = np.broadcast_to(found.mesh.side[found.edge][:, None], s.shape).ravel()
-    points = found.mesh.polygon.at(side, s.ravel() - found.mesh.polygon.starts[side])
+    monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", maximum)
+    constraint = make_constraint(text)
+    s = (
+        constraint.mesh.s[constraint.edge][:, None]
+        + constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None]
+    )
+    side = np.broadcast_to(constraint.mesh.side[constraint.edge][:, None], s.shape).ravel()
+    points = constraint.mesh.polygon.at(side, s.ravel() - constraint.mesh.polygon.starts[side])
     g = WAVES[text](*points.T).reshape(s.shape)
-    away = np.abs(g - found.p).max(axis=1)
-    assert np.all(away <= found.remainder + 1e-15 * np.abs(g).max())
-    assert np.all(g.max(axis=1) <= found.g_upper + 1e-15 * np.abs(g).max())
-    if most == 8 and "40" in text:
+    away = np.abs(g - constraint.p).max(axis=1)
+    assert np.all(away <= constraint.remainder + 1e-15 * np.abs(g).max())
+    assert np.all(g.max(axis=1) <= constraint.g_upper + 1e-15 * np.abs(g).max())
+    if maximum == 8 and "40" in text:
         assert np.any(away > 0.5)
-    if most > 8:
-        assert found.remainder.max() <= 1e-9 * np.abs(g).max()
+    if maximum > 8:
+        assert constraint.remainder.max() <= 1e-9 * np.abs(g).max()
 
 
 def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
-    found = on_edges("0")
-    g = replace(found, remainder=np.full_like(found.remainder, 1e-3))
+    constraint = make_constraint("0")
+    g = replace(constraint, remainder=np.full_like(constraint.remainder, 1e-3))
     nb = len(g.mesh.boundary)
     every = np.ones(nb, dtype=bool)
     v = np.zeros(2 * nb)
@@ -81,28 +84,29 @@ def short_of(g, rng):
 @pytest.mark.parametrize("seed", range(4))
 def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
     """Against all of them; some are left out. Control: so they do where v is told by its ends only."""
-    g = on_edges("sin(9*pi*x) + y", 16)
-    *found, near = short_of(g, np.random.default_rng(seed))
-    kept = Constraint.select_near_edges
+    g = make_constraint("sin(9*pi*x) + y", 16)
+    *computed, near = short_of(g, np.random.default_rng(seed))
+    kept_select_near_edges = Constraint.select_near_edges
     monkeypatch.setattr(Constraint, "select_near_edges", lambda self, v, also: self)
-    *wanted, every = short_of(g, np.random.default_rng(seed))
+    *expected, every = short_of(g, np.random.default_rng(seed))
     assert 0 < len(near.edge) < len(every.edge)
-    for one, other in zip(found, wanted, strict=True):
-        assert np.array_equal(one, other)
+    for first, second in zip(computed, expected, strict=True):
+        assert np.array_equal(first, second)
 
-    def by_ends(self, v, also):
+    def select_by_ends(self, v, also):
         level = v.copy()
         level[self.unknowns[:, 2]] = 0.5 * v[self.unknowns[:, :2]].sum(axis=1)
-        return kept(self, level, also)
+        return kept_select_near_edges(self, level, also)
 
-    monkeypatch.setattr(Constraint, "select_near_edges", by_ends)
+    monkeypatch.setattr(Constraint, "select_near_edges", select_by_ends)
     *wrong, _ = short_of(g, np.random.default_rng(seed))
-    assert wrong[2].sum() < 0.99 * wanted[2].sum()
+    assert wrong[2].sum() < 0.99 * expected[2].sum()
 
 
 def extension_norm(triangle, r, form=H1):
     """||w|| of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
-    (a, b, c), s, x, y = triangle, sympy.Symbol("s"), *sympy.symbols("x y")
+    a, b, c = triangle
+    s, x, y = sympy.symbols("s x y")
     length = float(np.hypot(*(b - a)))
     e = (b - a) / length
     n = np.array([a[1] - b[1], b[0] - a[0]]) / length
@@ -110,12 +114,12 @@ def extension_norm(triangle, r, form=H1):
     k = float((c - a) @ n)
     t = 1 - y / k
     w = t * r.subs(s, p + (x - p) / t)
-    parts = sympy.lambdify((x, y), [w, sympy.diff(w, x), sympy.diff(w, y)])
+    components = sympy.lambdify((x, y), [w, sympy.diff(w, x), sympy.diff(w, y)])
     nodes, weights = np.polynomial.legendre.leggauss(12)
     nodes = 0.5 * (nodes + 1)
     weights = 0.5 * weights
     along, down = np.meshgrid(length * nodes, nodes)
-    values = parts(p + down * (along - p), k * (1 - down))
+    values = components(p + down * (along - p), k * (1 - down))
     weighted = zip((form.c, form.k, form.k), values, strict=True)
     density = sum(factor * np.asarray(value) ** 2 for factor, value in weighted)
     return np.sqrt(length * k * weights @ (density * down) @ weights)
@@ -128,7 +132,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
-    g = build_constraint(problem.enclosed(), mesh, H1)
+    g = build_constraint(problem.enclose_gap(), mesh, H1)
     missing = feasible.bound_shortfall(g, H1, g.p_at_unknowns, every, np.ones((3, 2)))
     s = sympy.Symbol("s")
     squares = 0.0
@@ -160,9 +164,9 @@ def shortfall(case, g, v, flux):
         below = u - gap - (a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x))
         r = np.maximum(below, 0)
         slope = np.gradient(np.maximum(below, 0), length * x)
-        parts = [length * np.mean(y**2) for y in (r, slope, (length * x - foot[e]) * slope)]
-        of_slope = 0.5 * (height[e] * parts[1] + (parts[2] + 2 * parts[0]) / height[e])
-        squares += shared[e] * (of_slope + 0.25 * height[e] * parts[0])
+        components = [length * np.mean(y**2) for y in (r, slope, (length * x - foot[e]) * slope)]
+        slope_square = 0.5 * (height[e] * components[1] + (components[2] + 2 * components[0]) / height[e])
+        squares += shared[e] * (slope_square + 0.25 * height[e] * components[0])
         slack += length * np.mean((flux[e, 0] * (1 - x) + flux[e, 1] * x) * (r - below))
     return np.sqrt(squares), slack
 
@@ -176,30 +180,30 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     d = discrete(name, 8, 4)
     mesh = d.mesh
     case = d.exact.ritz.case
-    on = np.ones(len(mesh.boundary), dtype=bool)
+    values = np.ones(len(mesh.boundary), dtype=bool)
     g = build_constraint(case.problem.enclosed_obstacle, mesh, H1)
     v = np.where(np.isfinite(g.p_at_unknowns), g.p_at_unknowns, 0.0)
     rng = np.random.default_rng(1)
-    v[len(on) :] += rng.normal(0, 0.01, len(on))
-    flux = rng.random((len(on), 2))
-    found = feasible.bound_shortfall(g, H1, v, ~on, flux)
+    v[len(values) :] += rng.normal(0, 0.01, len(values))
+    flux = rng.random((len(values), 2))
+    computed = feasible.bound_shortfall(g, H1, v, ~values, flux)
     norm, slack = shortfall(case, g, v, flux)
-    assert (1 - 1e-3) * norm <= found.extension_norm <= 1.15 * norm
-    assert (1 - 1e-3) * slack <= found.complementarity <= 1.3 * slack
-    assert np.all(found.nodal_raise <= 1e-6)
+    assert (1 - 1e-3) * norm <= computed.extension_norm <= 1.15 * norm
+    assert (1 - 1e-3) * slack <= computed.complementarity <= 1.3 * slack
+    assert np.all(computed.nodal_raise <= 1e-6)
 
 
 def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
-    on = np.array([True, True])
+    values = np.array([True, True])
     unknowns = np.array([[0, 1, 3], [1, 2, 4]])
     on_edges = np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
-    at, rise, jumps = constraints._join_at_vertices(on_edges, unknowns, on, np.full((2, 2), 1e-12))
+    position, rise, jumps = constraints._join_at_vertices(on_edges, unknowns, values, np.full((2, 2), 1e-12))
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
-    np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
+    np.testing.assert_allclose(position - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
     on_edges[1, 0] += 1e-11
-    assert constraints._join_at_vertices(on_edges, unknowns, on, np.full((2, 2), 1e-12))[2].tolist() == [
+    assert constraints._join_at_vertices(on_edges, unknowns, values, np.full((2, 2), 1e-12))[2].tolist() == [
         True,
         False,
     ]
@@ -210,28 +214,30 @@ def test_the_rounding_of_v_is_allowed_for():
     mesh = make_structured_mesh(square(), 1 / 2)
     problem = Manufactured(square(), "1", gap="1 + x")
     every = np.ones(8, dtype=bool)
-    g = build_constraint(problem.enclosed(), mesh, H1)
+    g = build_constraint(problem.enclose_gap(), mesh, H1)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
     v = np.maximum(steep, g.p_at_unknowns)
     flux = np.ones((8, 2))
-    both = v, np.maximum(0, g.p_at_unknowns)
-    doubt = [feasible.bound_shortfall(g, H1, each, every, flux).nodal_raise.max() for each in both]
+    pair = v, np.maximum(0, g.p_at_unknowns)
+    doubt = [feasible.bound_shortfall(g, H1, values, every, flux).nodal_raise.max() for values in pair]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]
 
 
 def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
-    of = pair("natural", 16)
-    own = feasible.bound_shortfall
-    seen = []
-    monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: seen.append(given[:4]) or own(*given))
-    local_bound(*of.given)
-    g, _, v, touching = seen[0]
+    known_pair = pair("natural", 16)
+    original = feasible.bound_shortfall
+    calls = []
+    monkeypatch.setattr(
+        feasible, "bound_shortfall", lambda *arguments: calls.append(arguments[:4]) or original(*arguments)
+    )
+    local_bound(*known_pair.bound_arguments)
+    g, _, v, touching = calls[0]
     unknowns = np.unique(g.unknowns[touching])
     assert np.all(v[unknowns] == g.p_at_unknowns[unknowns])
     nodes = unknowns[unknowns < len(touching)]
-    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.p_at_unknowns[nodes]) > 1e-4
+    assert np.max(known_pair.u_h[known_pair.mesh.boundary[nodes]] - g.p_at_unknowns[nodes]) > 1e-4
 
 
 @pytest.mark.parametrize("form", [H1, Form(3.0, 0.0), Form(0.5, 1e3)])
@@ -240,7 +246,7 @@ def test_functions_of_the_layer_are_those_of_P2(name, form):
     """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
     mesh = meshes.make_unstructured_mesh(find_polygon(name), 0.3)
     rng = np.random.default_rng(0)
-    of = boundary_layer(mesh)
+    layer = boundary_layer(mesh)
     nb = len(mesh.boundary)
     nodal, bubble = rng.standard_normal((2, nb))
     p2 = skfem.Basis(
@@ -257,10 +263,10 @@ def test_functions_of_the_layer_are_those_of_P2(name, form):
     def square(w):
         return form.k * dot(grad(w.of), grad(w.of)) + form.c * w.of**2
 
-    found = of.square_norms(form, *of.expand(nodal, bubble)).sum()
-    assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
-    norms = [of.square_norms(form, *of.expand(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
-    assert of.bubble_square_norms(form)[:3] == pytest.approx(norms, rel=1e-12)
+    square_norms = layer.square_norms(form, *layer.expand(nodal, bubble)).sum()
+    assert square_norms == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
+    norms = [layer.square_norms(form, *layer.expand(np.zeros(nb), item)).sum() for item in np.eye(nb)[:3]]
+    assert layer.bubble_square_norms(form)[:3] == pytest.approx(norms, rel=1e-12)
 
 
 @pytest.mark.parametrize("apex", [(0.25, 0.7), (1.4, 0.2), (-0.3, 0.4)])
@@ -276,7 +282,8 @@ def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length, f
     foot, height = feasible._extension_apexes(mesh, form)
     allowed = feasible._extension_constants(mesh, form, foot, height)[0]
     triangle = points[0], points[1], np.array([foot[0], height[0]])
-    s, nodes, weights = sympy.Symbol("s"), *np.polynomial.legendre.leggauss(12)
+    s = sympy.Symbol("s")
+    nodes, weights = np.polynomial.legendre.leggauss(12)
     ratios = []
     for r in (sympy.sin(sympy.pi * s / length), s**3 * (length - s), s * (length - s) ** 3):
         slope = sympy.lambdify(s, sympy.diff(r, s))(0.5 * length * (1 + nodes))
@@ -317,10 +324,13 @@ def test_no_extension_exceeds_what_its_slope_allows(apex):
     slopes = np.sqrt(2) * np.cos(k * s)
     values = np.sqrt(2) * np.sin(k * s) / k
     foot, height = apex
-    of_slopes = slopes * weight @ slopes.T
-    of_arms = ((s - foot) * slopes) * weight @ ((s - foot) * slopes).T
-    of_values = values * weight @ values.T
-    form = 0.5 * (height * of_slopes + (of_arms + 2 * of_values) / height) + 0.25 * height * of_values
+    slope_squares = slopes * weight @ slopes.T
+    arm_squares = ((s - foot) * slopes) * weight @ ((s - foot) * slopes).T
+    value_squares = values * weight @ values.T
+    form = (
+        0.5 * (height * slope_squares + (arm_squares + 2 * value_squares) / height)
+        + 0.25 * height * value_squares
+    )
     largest = np.linalg.eigvalsh(form)[-1]
     assert (
         largest

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hand_made import Manufactured, enclosed
+from hand_made import Manufactured, enclose_source
 from skfem.quadrature import get_quadrature_tri
 
 from unilateral.bounds import flux_residuals
@@ -58,7 +58,7 @@ def functions(mesh):
     return [np.random.default_rng(0).standard_normal(mesh.n_nodes), 1e6 + x, x]
 
 
-def of_x(mesh):
+def flux_of_x_direction(mesh):
     """q.n for q = (1, 0)."""
     return np.repeat(mesh.polygon.normals[mesh.side, :1], 2, axis=1)
 
@@ -66,35 +66,42 @@ def of_x(mesh):
 def fluxes(mesh, u, source):
     """One that has nothing to do with u, and one that cancels with it."""
     yield np.random.default_rng(1).standard_normal((2, len(mesh.triangulation.ends)))
-    yield equilibrate_flux(mesh, u, source.moments, of_x(mesh))
+    yield equilibrate_flux(mesh, u, source.moments, flux_of_x_direction(mesh))
 
 
-def without_allowances(monkeypatch):
+def forbid_allowances(monkeypatch):
     monkeypatch.setattr(
-        flux_residuals, "rounding_allowances", lambda mesh, of, *_: np.zeros((2, len(mesh.areas[of])))
+        flux_residuals,
+        "rounding_allowances",
+        lambda mesh, triangles, *_: np.zeros((2, len(mesh.areas[triangles]))),
     )
 
 
 def shares(mesh, monkeypatch):
     """What rounding has done to the parts of f + div q - u and k grad u - q, over what is allowed for it."""
-    of = finer(mesh)
+    fine = finer(mesh)
     zero = np.zeros(len(mesh.triangles))
     for u in functions(mesh):
         source = Source(mesh, 1.1 * u[mesh.triangles], zero, zero, zero)
         for q in fluxes(mesh, u, source):
-            parts = residual_parts(source, no_given_flux(mesh), u, q, H1)
+            components = residual_parts(source, no_given_flux(mesh), u, q, H1)
             with monkeypatch.context() as patch:
-                without_allowances(patch)
+                forbid_allowances(patch)
                 plain = residual_parts(source, no_given_flux(mesh), u, q, H1)
-            field = misfit(of, u.astype(MORE), q.astype(MORE), slice(None))
-            exact = np.sqrt(linear_square_norms(of.areas, field))
-            yield np.linalg.norm(plain.misfit - exact) / np.linalg.norm(parts.misfit - plain.misfit)
-            flow = np.sum(triangle_inflows(of, q.astype(MORE), slice(None)), axis=(0, 1))
-            g = source.f_h.astype(MORE) - u.astype(MORE)[of.triangles]
-            mean = g.mean(axis=1) - flow / 2 / of.areas
-            oscillation = np.sqrt(linear_square_norms(of.areas, g - g.mean(axis=1, keepdims=True)))
-            for own, other in ((plain.mean, np.sqrt(of.areas) * abs(mean)), (plain.oscillation, oscillation)):
-                yield np.linalg.norm(own - other) / np.linalg.norm(parts.remainder - plain.remainder)
+            field = misfit(fine, u.astype(MORE), q.astype(MORE), slice(None))
+            exact = np.sqrt(linear_square_norms(fine.areas, field))
+            yield np.linalg.norm(plain.misfit - exact) / np.linalg.norm(components.misfit - plain.misfit)
+            flow = np.sum(triangle_inflows(fine, q.astype(MORE), slice(None)), axis=(0, 1))
+            g = source.f_h.astype(MORE) - u.astype(MORE)[fine.triangles]
+            mean = g.mean(axis=1) - flow / 2 / fine.areas
+            oscillation = np.sqrt(linear_square_norms(fine.areas, g - g.mean(axis=1, keepdims=True)))
+            for computed, expected in (
+                (plain.mean, np.sqrt(fine.areas) * abs(mean)),
+                (plain.oscillation, oscillation),
+            ):
+                yield np.linalg.norm(computed - expected) / np.linalg.norm(
+                    components.remainder - plain.remainder
+                )
 
 
 @pytest.mark.skipif(np.finfo(MORE).nmant < 63, reason="this machine has no longer numbers")
@@ -109,54 +116,56 @@ def test_rounding_is_added():
     problem = Manufactured(square(), "1000000 + x", "1")
     mesh = make_structured_mesh(square(), 1 / 16)
     u_h = 1e6 + mesh.points[:, 0]
-    source = enclosed(mesh, problem)
-    q = equilibrate_flux(mesh, u_h, source.moments, of_x(mesh))
+    source = enclose_source(mesh, problem)
+    q = equilibrate_flux(mesh, u_h, source.moments, flux_of_x_direction(mesh))
     assert 0 < max(residual_parts(source, no_given_flux(mesh), u_h, q, H1).dual_norms()) < 1e-4
 
 
-def test_the_rounding_of_a_root_of_a_sum():
+def test_the_allowance_for_roots_of_sums_covers_16_million_squares():
     """Of 16 million squares, each added with half a unit of rounding: the root has half of that."""
     assert SQUARES_ROUNDING >= 16e6 * 2.0**-53 / 2
 
 
-def copied(parts):
+def copy_components(components):
     """The same parts, in arrays of their own."""
-    return ResidualParts(parts.mesh, parts.form, *(part.copy() for part in parts[2:]))
+    return ResidualParts(
+        components.mesh, components.form, *(component.copy() for component in components[2:])
+    )
 
 
 @pytest.mark.parametrize("form", [Form(2.0, 3.0), Form(1.0, 0.0), Form(0.5, 1e4)])
 def test_the_parts_of_a_function_of_P2_are_those_of_its_coefficients(form, monkeypatch):
     """On all triangles of a mesh whose nodes lie on the boundary, against P2 there. Control: of u_h alone."""
-    without_allowances(monkeypatch)
+    forbid_allowances(monkeypatch)
     mesh = make_structured_mesh(square(), 1)
     rng = np.random.default_rng(5)
     spaces = quadratic_space(mesh)
-    of = boundary_layer(mesh)
+    layer = boundary_layer(mesh)
     u_h, nodal, edges = rng.standard_normal((3, 4))
     q = rng.standard_normal((2, 5))
     f_h = rng.standard_normal((2, 3))
     source = Source(mesh, f_h, *rng.uniform(1, 2, (2, 2)), np.zeros(2))
     tau = no_given_flux(mesh)
     before = residual_parts(source, tau, u_h, q, form)
-    hats, bubbles = of.expand(nodal, edges)
-    found = copied(before)
-    add_lift_to_residual(found, source, tau, u_h, q, of, hats, bubbles)
+    hats, bubbles = layer.expand(nodal, edges)
+    components = copy_components(before)
+    add_lift_to_residual(components, source, tau, u_h, q, layer, hats, bubbles)
     v = spaces.embed_linear(u_h)
     v[spaces.boundary_unknowns] += np.concatenate([nodal, edges])
-    of_hats, of_bubbles = spaces.coefficients(v)
+    hat_coefficients, bubble_coefficients = spaces.coefficients(v)
     field = misfit(mesh, np.zeros(4), q, slice(None)) + form.k * spaces.gradient(v)
-    assert found.misfit == pytest.approx(np.sqrt(linear_square_norms(mesh.areas, field)))
+    assert components.misfit == pytest.approx(np.sqrt(linear_square_norms(mesh.areas, field)))
     divergence = -0.5 * np.sum(triangle_inflows(mesh, q, slice(None)), axis=(0, 1)) / mesh.areas
-    rho = f_h - form.c * of_hats + divergence[:, None]
-    mean = (rho.sum(axis=1) - form.c * of_bubbles.sum(axis=1)) / 3
-    assert found.mean == pytest.approx(np.sqrt(mesh.areas) * np.abs(mean))
-    norm = np.sqrt(quadratic_square_norms(mesh.areas, rho - mean[:, None], -form.c * of_bubbles))
-    assert found.oscillation == pytest.approx(norm + source.oscillation + source.jumps)
+    rho = f_h - form.c * hat_coefficients + divergence[:, None]
+    mean = (rho.sum(axis=1) - form.c * bubble_coefficients.sum(axis=1)) / 3
+    assert components.mean == pytest.approx(np.sqrt(mesh.areas) * np.abs(mean))
+    norm = np.sqrt(quadratic_square_norms(mesh.areas, rho - mean[:, None], -form.c * bubble_coefficients))
+    assert components.oscillation == pytest.approx(norm + source.oscillation + source.jumps)
     # what f_h leaves is orthogonal to linear functions
     linear = f_h - form.c * u_h[mesh.triangles]
     squares_of_u = linear_square_norms(mesh.areas, linear - linear.mean(axis=1, keepdims=True))
     assert before.oscillation == pytest.approx(np.sqrt(squares_of_u + source.oscillation**2) + source.jumps)
-    assert not np.allclose(found.misfit, before.misfit)
+    assert not np.allclose(components.misfit, before.misfit)
 
 
 def test_parts_of_other_triangles_stay():
@@ -168,51 +177,53 @@ def test_parts_of_other_triangles_stay():
     m = len(mesh.triangles)
     source = Source(mesh, np.zeros((m, 3)), *np.zeros((3, m)))
     tau = no_given_flux(mesh)
-    of = boundary_layer(mesh)
+    layer = boundary_layer(mesh)
     before = residual_parts(source, tau, u_h, q, Form(1.0, 1e3))
-    hats, bubbles = of.expand(*rng.standard_normal((2, len(mesh.boundary))))
-    after = copied(before)
-    add_lift_to_residual(after, source, tau, u_h, q, of, hats, bubbles)
-    inside = np.setdiff1d(np.arange(m), of.triangles)
-    for own, other in zip(before[2:], after[2:], strict=True):
-        assert np.array_equal(own[inside], other[inside])
-        assert not np.array_equal(own[of.triangles], other[of.triangles])
+    hats, bubbles = layer.expand(*rng.standard_normal((2, len(mesh.boundary))))
+    after = copy_components(before)
+    add_lift_to_residual(after, source, tau, u_h, q, layer, hats, bubbles)
+    inside = np.setdiff1d(np.arange(m), layer.triangles)
+    for original, second in zip(before[2:], after[2:], strict=True):
+        assert np.array_equal(original[inside], second[inside])
+        assert not np.array_equal(original[layer.triangles], second[layer.triangles])
     assert np.all(np.isfinite(before.s_prime))
-    assert np.all(np.isinf(after.s_prime[of.triangles]))
+    assert np.all(np.isinf(after.s_prime[layer.triangles]))
 
 
 def constant_flux(mesh):
     """(2, E) q = (1, 0), and the source of nothing."""
     m = len(mesh.triangles)
     source = Source(mesh, np.zeros((m, 3)), *np.zeros((3, m)))
-    return equilibrate_flux(mesh, mesh.points[:, 0], source.moments, of_x(mesh), Form(c=0.0)), source
+    return equilibrate_flux(
+        mesh, mesh.points[:, 0], source.moments, flux_of_x_direction(mesh), Form(c=0.0)
+    ), source
 
 
-@pytest.mark.parametrize(("c", "part"), [(0.0, "misfit"), (1e4, "s_prime")])
-def test_on_the_exact_mesh_a_flux_is_larger_by_the_distortion(c, part):
+@pytest.mark.parametrize(("c", "component"), [(0.0, "misfit"), (1e4, "s_prime")])
+def test_on_the_exact_mesh_a_flux_is_larger_by_the_distortion(c, component):
     """eps |q|, with |q| = 1 on the unit square, whose area is 1."""
     mesh = make_structured_mesh(square(), 1 / 4)
     q, source = constant_flux(mesh)
-    found = []
+    computed = []
     for eps in (0.0, 1e-3):
         mesh.__dict__["distortion"] = np.full(len(mesh.triangles), eps)
-        parts = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, Form(1.0, c))
-        found.append(np.linalg.norm(getattr(parts, part)))
-    assert found[1] - found[0] >= 1e-3 * (1.0 if part == "misfit" else c**-0.25)
-    assert found[1] - found[0] <= 0.05
+        components = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, Form(1.0, c))
+        computed.append(np.linalg.norm(getattr(components, component)))
+    assert computed[1] - computed[0] >= 1e-3 * (1.0 if component == "misfit" else c**-0.25)
+    assert computed[1] - computed[0] <= 0.05
 
 
 @pytest.mark.parametrize("k", [1.0, 3.0])
-def test_c_and_k_are_in_the_residual(k):
+def test_the_residual_has_the_coefficients_c_and_k(k):
     """q = (1, 0) and f = 0: div q = 0, and -c x has its mean on each triangle; k grad x - q is (k - 1, 0)."""
     mesh = make_structured_mesh(square(), 1 / 4)
     q, source = constant_flux(mesh)
     x = mesh.points[:, 0]
     for c in (0.0, 1.0, 5.0):
-        parts = residual_parts(source, no_given_flux(mesh), x, q, Form(k, c))
+        components = residual_parts(source, no_given_flux(mesh), x, q, Form(k, c))
         length = np.sqrt(mesh.areas)
-        assert parts.misfit == pytest.approx((k - 1) * length, abs=1e-11)
-        assert parts.mean == pytest.approx(c * x[mesh.triangles].mean(axis=1) * length, abs=1e-11)
+        assert components.misfit == pytest.approx((k - 1) * length, abs=1e-11)
+        assert components.mean == pytest.approx(c * x[mesh.triangles].mean(axis=1) * length, abs=1e-11)
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-3])
@@ -222,17 +233,17 @@ def test_on_the_exact_mesh_flows_are_larger_by_the_stretch(length, monkeypatch):
     q, source = constant_flux(mesh)
     without = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, H1)
     monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 1e-3, 0, 0])))
-    found = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, H1)
+    components = residual_parts(source, no_given_flux(mesh), mesh.points[:, 0], q, H1)
     flow = 1e-3 * length
     area = length**2 / 2
     d = math.sqrt(2) * length
     (right,) = mesh.boundary_triangles[mesh.side == 1]
-    more = found.remainder - without.remainder
-    assert (1 - 1e-9) * flow / area <= more[right] / math.sqrt(area) <= 2 * flow / area
-    more_field = found.misfit - without.misfit
+    extra = components.remainder - without.remainder
+    assert (1 - 1e-9) * flow / area <= extra[right] / math.sqrt(area) <= 2 * flow / area
+    more_field = components.misfit - without.misfit
     assert (1 - 1e-9) * flow * d / (2 * area) <= more_field[right] / math.sqrt(area) <= 2 * flow * d / area
-    for each in (more, more_field):
-        assert each.sum() == pytest.approx(each[right], rel=1e-9)
+    for extra_remainder in (extra, more_field):
+        assert extra_remainder.sum() == pytest.approx(extra_remainder[right], rel=1e-9)
 
 
 def test_on_the_exact_mesh_fields_are_larger_at_edges():
@@ -243,17 +254,19 @@ def test_on_the_exact_mesh_fields_are_larger_at_edges():
     mesh = make_structured_mesh(square(), 1 / 4)
     every = np.arange(32)
     field = np.stack([np.ones((3, 32)), np.zeros((3, 32))])
-    found = []
+    computed = []
     for eps in (0.0, 1e-3):
         mesh.__dict__["distortion"] = np.full(32, eps)
-        found.append(bound_by_parts(mesh, every, field, np.zeros(32), np.zeros(32), Form(1.0, 1e4)))
-    assert np.all(found[1] >= (1 + 0.9e-3) * found[0])
-    assert np.all(found[1] <= (1 + 4e-3) * found[0])
+        computed.append(bound_by_parts(mesh, every, field, np.zeros(32), np.zeros(32), Form(1.0, 1e4)))
+    assert np.all(computed[1] >= (1 + 0.9e-3) * computed[0])
+    assert np.all(computed[1] <= (1 + 4e-3) * computed[0])
 
 
 def linear_flux(mesh, slopes):
     """(2, E) the flux with the components a + b x + c y; these are the `slopes` (2, 3)."""
-    start, end = (mesh.points[node] for node in mesh.triangulation.ends.T)
+    first, last = mesh.triangulation.ends.T
+    start = mesh.points[first]
+    end = mesh.points[last]
     along_x, along_y = (end - start).T
     flow = []
     for x, y in (start.T, end.T):
@@ -279,11 +292,13 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
     f_h = rng.standard_normal((m, 3))
     source = Source(mesh, f_h, *c * rng.uniform(1, 2, (3, m)))
     calls = []
-    own = flux_residuals.bound_by_parts
+    original = flux_residuals.bound_by_parts
     monkeypatch.setattr(
-        flux_residuals, "bound_by_parts", lambda *given: calls.append(given[1:4]) or own(*given)
+        flux_residuals,
+        "bound_by_parts",
+        lambda *arguments: calls.append(arguments[1:4]) or original(*arguments),
     )
-    parts = residual_parts(source, no_given_flux(mesh), u_h, linear_flux(mesh, slopes), form)
+    components = residual_parts(source, no_given_flux(mesh), u_h, linear_flux(mesh, slopes), form)
     ((rows, at_nodes, inside),) = calls
     assert np.array_equal(rows, np.arange(m))
 
@@ -328,14 +343,14 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
         by_parts_of_it += (start * z_start + 2 * (start + end) * middle + end * z_end) / 6
     assert by_parts_of_it == pytest.approx(residual, rel=1e-9)
     squares_of_z = k * np.sum(slope_of_z(places) ** 2, axis=2) + c * z(places) ** 2
-    assert np.all(np.abs(residual) <= parts.s_prime * np.sqrt(np.sum(weights * squares_of_z, axis=1)))
+    assert np.all(np.abs(residual) <= components.s_prime * np.sqrt(np.sum(weights * squares_of_z, axis=1)))
 
 
-def with_allowances(monkeypatch, field, rho):
+def set_allowances(monkeypatch, field, rho):
     monkeypatch.setattr(
         flux_residuals,
         "rounding_allowances",
-        lambda mesh, of, *_: np.array([[field], [rho]]) + 0 * mesh.areas[of],
+        lambda mesh, triangles, *_: np.array([[field], [rho]]) + 0 * mesh.areas[triangles],
     )
 
 
@@ -350,17 +365,17 @@ def test_by_parts_rounding_counts_on_edges_and_inside(monkeypatch):
     zero = np.zeros(mesh.n_nodes)
     source = Source(mesh, np.zeros((32, 3)), *np.zeros((3, 32)))
 
-    def computed(field, rho):
+    def compute_norms(field, rho):
         with monkeypatch.context() as patch:
-            with_allowances(patch, field, rho)
+            set_allowances(patch, field, rho)
             return residual_parts(source, no_given_flux(mesh), zero, q, form).s_prime
 
-    assert computed(1e-100, 7.0) == pytest.approx(7 * np.sqrt(mesh.areas / 1e3))
+    assert compute_norms(1e-100, 7.0) == pytest.approx(7 * np.sqrt(mesh.areas / 1e3))
     R = (1 - math.sqrt(0.5)) / 4 / math.sin(math.pi / 8)
     G = 5 * (2 + math.sqrt(2)) / 4 / np.sqrt(mesh.areas)
-    least = math.sqrt((1 + math.sqrt(1 + R**2 * 500)) / 2e3) * G
-    assert np.all(least * (1 - 1e-9) <= computed(5.0, 0.0))
-    assert np.all(computed(5.0, 0.0) <= 2 * least * (1 + 1e-9))
+    minimum = math.sqrt((1 + math.sqrt(1 + R**2 * 500)) / 2e3) * G
+    assert np.all(minimum * (1 - 1e-9) <= compute_norms(5.0, 0.0))
+    assert np.all(compute_norms(5.0, 0.0) <= 2 * minimum * (1 + 1e-9))
 
 
 def test_by_parts_rounding_is_below_its_allowance(monkeypatch):
@@ -374,7 +389,7 @@ def test_by_parts_rounding_is_below_its_allowance(monkeypatch):
     source = Source(mesh, 1e6 * u[mesh.triangles], *np.zeros((3, len(mesh.triangles))))
     q = linear_flux(mesh, np.array([[3.0, 0, 0], [0, 0, 0]]))
     allowed = residual_parts(source, no_given_flux(mesh), u, q, form).s_prime
-    with_allowances(monkeypatch, 1e-100, 0.0)
+    set_allowances(monkeypatch, 1e-100, 0.0)
     rounding = residual_parts(source, no_given_flux(mesh), u, q, form).s_prime
     assert rounding.max() > 3 * np.spacing(1e6) / 1e3
     assert np.all(rounding < allowed - rounding)
@@ -389,13 +404,13 @@ def test_by_parts_what_is_not_known_of_a_given_flux_counts():
     form = Form(2.0, 1e4, free=(0, 1, 2, 3))
     q, source = constant_flux(mesh)
     size = np.where(np.arange(16) == 3, 5.0, 0.0)
-    parts = [
+    s_primes = [
         residual_parts(
             source, no_given_flux(mesh)._replace(remainder_norms=unknown), mesh.points[:, 0], q, form
         ).s_prime
         for unknown in (0 * size, size)
     ]
-    here = mesh.boundary_triangles[3]
-    added = parts[1] - parts[0]
-    assert added[here] >= 5 * 2e4 ** (-1 / 4)
-    assert not np.delete(added, here).any()
+    boundary_triangle = mesh.boundary_triangles[3]
+    added = s_primes[1] - s_primes[0]
+    assert added[boundary_triangle] >= 5 * 2e4 ** (-1 / 4)
+    assert not np.delete(added, boundary_triangle).any()

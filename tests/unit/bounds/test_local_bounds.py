@@ -33,55 +33,55 @@ def arguments(request):
     return bound_arguments(ul.solve(ul.Problem(square(), -1, g, [0, 2], **sides), h=1 / 4, H=1 / 2).solved)
 
 
-def missing(monkeypatch, **parts):
+def missing(monkeypatch, **options):
     """`Shortfall` has other numbers on the first boundary edge."""
-    own = Lifting.make_feasible
+    original = Lifting.make_feasible
 
-    def lifted(self, nodal, bubbles):
-        lift = own(self, nodal, bubbles)
+    def lift_and_change(self, nodal, bubbles):
+        lift = original(self, nodal, bubbles)
         first = np.arange(len(nodal)) == 0
-        parts_of_first = {k: np.where(first, v, 0.0) for k, v in parts.items()}
-        return lift._replace(shortfall=lift.shortfall._replace(**parts_of_first))
+        changed = {name: np.where(first, value, 0.0) for name, value in options.items()}
+        return lift._replace(shortfall=lift.shortfall._replace(**changed))
 
-    monkeypatch.setattr(Lifting, "make_feasible", lifted)
+    monkeypatch.setattr(Lifting, "make_feasible", lift_and_change)
 
 
-def with_more(monkeypatch, part, name="residual_parts"):
+def add_component(monkeypatch, component, name="residual_parts"):
     """A part of both functions, or by `add_lift_to_residual` of v alone, is as large on a triangle inside."""
-    own = getattr(local_bounds, name)
+    original = getattr(local_bounds, name)
 
-    def changed(*of):
-        made = own(*of)
-        parts = made or of[0]
-        inside = ~np.isin(parts.mesh.triangles, parts.mesh.boundary).any(axis=1)
-        getattr(parts, part)[np.argmax(inside)] += LARGE
-        return made
+    def change_component(*arguments):
+        residual_of_u = original(*arguments)
+        residual = residual_of_u or arguments[0]
+        inside = ~np.isin(residual.mesh.triangles, residual.mesh.boundary).any(axis=1)
+        getattr(residual, component)[np.argmax(inside)] += LARGE
+        return residual_of_u
 
-    monkeypatch.setattr(local_bounds, name, changed)
+    monkeypatch.setattr(local_bounds, name, change_component)
 
 
-@pytest.mark.parametrize("part", ["misfit", "remainder"])
-def test_a_part_of_the_residual_counts_for_both_errors(arguments, monkeypatch, part):
+@pytest.mark.parametrize("component", ["misfit", "remainder"])
+def test_a_part_of_the_residual_counts_for_both_errors(arguments, monkeypatch, component):
     """By 1 or Friedrichs' constant, which is 2 / pi on the square."""
     form = arguments[-1]
-    with_more(monkeypatch, part)
-    found = local_bounds.local_bound(*arguments)
-    constant = 1.0 if part == "misfit" or not form.clamped else form.value_constant
-    assert LARGE * constant * (1 + 0.9 * SQUARES_ROUNDING) <= found.u <= LARGE * constant * NEAR
-    assert LARGE * constant <= found.lambda_ <= LARGE * constant * NEAR
+    add_component(monkeypatch, component)
+    bound = local_bounds.local_bound(*arguments)
+    constant = 1.0 if component == "misfit" or not form.clamped else form.value_constant
+    assert LARGE * constant * (1 + 0.9 * SQUARES_ROUNDING) <= bound.u <= LARGE * constant * NEAR
+    assert LARGE * constant <= bound.lambda_ <= LARGE * constant * NEAR
 
 
 def test_the_extension_counts_once_for_u_and_for_lambda(arguments, monkeypatch):
     """X^2 <= R + D^2 with D = ||w||_1, and Y <= eta, the norm of v - q."""
     missing(monkeypatch, extension_squares=LARGE**2)
-    found = local_bounds.local_bound(*arguments)
-    assert LARGE * (1 + 0.9 * SQUARES_ROUNDING) <= found.u <= LARGE * NEAR
-    assert LARGE <= found.lambda_ <= LARGE * NEAR
+    bound = local_bounds.local_bound(*arguments)
+    assert LARGE * (1 + 0.9 * SQUARES_ROUNDING) <= bound.u <= LARGE * NEAR
+    assert LARGE <= bound.lambda_ <= LARGE * NEAR
 
 
 def test_without_eta_the_extension_counts_twice_for_lambda(arguments, monkeypatch):
     """Y <= D + (R + D^2)^(1/2)."""
-    with_more(monkeypatch, "misfit", "add_lift_to_residual")
+    add_component(monkeypatch, "misfit", "add_lift_to_residual")
     missing(monkeypatch, extension_squares=(LARGE / 4) ** 2)
     assert 2 * (LARGE / 4) <= local_bounds.local_bound(*arguments).lambda_ <= 2 * (LARGE / 4) * NEAR
 
@@ -92,35 +92,35 @@ def test_what_is_added_for_the_doubt_counts_by_its_norm(arguments, monkeypatch):
         "remainder_squares",
         lambda self, short: np.append(np.zeros(len(self.layer.triangles) - 1), LARGE**2),
     )
-    found = local_bounds.local_bound(*arguments)
-    assert LARGE <= found.u <= LARGE * NEAR
-    assert LARGE <= found.lambda_ <= LARGE * NEAR
+    bound = local_bounds.local_bound(*arguments)
+    assert LARGE <= bound.u <= LARGE * NEAR
+    assert LARGE <= bound.lambda_ <= LARGE * NEAR
 
 
 def test_the_slack_counts_twice_under_the_root(arguments, monkeypatch):
     """In R, and in the square of eta."""
     missing(monkeypatch, edge_complementarity=LARGE**2)
-    found = local_bounds.local_bound(*arguments)
-    assert math.sqrt(2) * LARGE <= found.u <= math.sqrt(2) * LARGE * NEAR
-    assert math.sqrt(2) * LARGE <= found.lambda_ <= math.sqrt(2) * LARGE * NEAR
+    bound = local_bounds.local_bound(*arguments)
+    assert math.sqrt(2) * LARGE <= bound.u <= math.sqrt(2) * LARGE * NEAR
+    assert math.sqrt(2) * LARGE <= bound.lambda_ <= math.sqrt(2) * LARGE * NEAR
 
 
 def test_what_the_flux_leaves_of_lambda_counts_for_lambda_alone(arguments, monkeypatch):
-    own = local_bounds.build_normal_flux
+    original = local_bounds.build_normal_flux
     monkeypatch.setattr(
         local_bounds,
         "build_normal_flux",
-        lambda *of: own(*of)._replace(oscillation_squares=np.full(16, LARGE**2)),
+        lambda *arguments: original(*arguments)._replace(oscillation_squares=np.full(16, LARGE**2)),
     )
-    found = local_bounds.local_bound(*arguments)
-    assert found.u < 1
+    bound = local_bounds.local_bound(*arguments)
+    assert bound.u < 1
     data, cells, u_h, lambda_H, form = arguments
-    flux = own(data.mesh, cells, lambda_H, u_h, form)._replace(oscillation_squares=np.full(16, LARGE**2))
-    assert found.lambda_ >= flux.multiplier_distance(data.mesh, form)
+    flux = original(data.mesh, cells, lambda_H, u_h, form)._replace(oscillation_squares=np.full(16, LARGE**2))
+    assert bound.lambda_ >= flux.multiplier_distance(data.mesh, form)
 
 
 def test_what_squares_that_vanish_hide_is_added(arguments, monkeypatch):
-    monkeypatch.setattr(feasible, "underflow_allowance", lambda *of: LARGE)
+    monkeypatch.setattr(feasible, "underflow_allowance", lambda *arguments: LARGE)
     assert LARGE <= local_bounds.local_bound(*arguments).u <= LARGE * NEAR
 
 
@@ -130,11 +130,11 @@ TRIANGLES = meshes.make_unstructured_mesh(find_polygon("lshape"), 0.5)
 def test_what_jumps_leave_on_pieces_is_left_of_f():
     """Two pieces of triangle 0 with norms of 3 and 4 beside p = 0; integrals of 1 and 2; and squares of 9."""
     mesh = make_structured_mesh(square(), 1)
-    whole = {"c": np.zeros((15, 1)), "corners": np.eye(3)[None], "parent": np.zeros(1, int)}
+    full = {"c": np.zeros((15, 1)), "corners": np.eye(3)[None], "parent": np.zeros(1, int)}
     areas = {"area": mesh.areas[:1], "outer_area": mesh.areas[:1]}
     pieces = [
         TrianglePieces(
-            **whole,
+            **full,
             **areas,
             remainder_squares=np.array([k]),
             jump_norm=np.array([j]),
@@ -142,22 +142,22 @@ def test_what_jumps_leave_on_pieces_is_left_of_f():
         )
         for k, j, i in ((9.0, 3.0, 1.0), (7.0, 4.0, 2.0))
     ]
-    found = _project_pieces(mesh, pieces)
-    assert not found.oscillation.any()
-    assert found.jumps == pytest.approx([5.0, 0.0])
-    assert found.remainder == pytest.approx([4.0 + 3 / math.sqrt(0.5), 0.0])
+    projection = _project_pieces(mesh, pieces)
+    assert not projection.oscillation.any()
+    assert projection.jumps == pytest.approx([5.0, 0.0])
+    assert projection.remainder == pytest.approx([4.0 + 3 / math.sqrt(0.5), 0.0])
 
 
 def test_squares_that_underflow_are_allowed_for():
     """Fewer than 2e10 of them, each off by 2^-1074; divided by areas they are off by more."""
-    lost = 2e10 * 2.0**-1074
-    assert lost <= residual_norm.UNDERFLOW**2
-    assert lost <= residual_norm.QUOTIENT_UNDERFLOW**2
+    missing = 2e10 * 2.0**-1074
+    assert missing <= residual_norm.UNDERFLOW**2
+    assert missing <= residual_norm.QUOTIENT_UNDERFLOW**2
     small = make_structured_mesh(Polygon(1e-6 * square().vertices, "small"), 1e-6)
-    least = math.sqrt(2e10) * 2.0**-537 / math.sqrt(0.5e-12)
+    minimum = math.sqrt(2e10) * 2.0**-537 / math.sqrt(0.5e-12)
     for form in (Form(), Form(4.0, 0.0, (3,), friedrichs=30.0), Form(1e-6, 9.0)):
         constants = math.sqrt(form.k), math.sqrt(form.c), 1 / math.sqrt(form.k), form.value_constant
-        assert underflow_allowance(small, form) >= max(constants) * least
+        assert underflow_allowance(small, form) >= max(constants) * minimum
 
 
 @pytest.mark.parametrize("form", [Form(), Form(2.0, 1e3), Form(3.0, 0.0)])
@@ -165,13 +165,13 @@ def test_any_values_that_may_be_added_at_clamped_nodes_are_in_the_norm(form):
     """Of either sign, beside those that are added: on every triangle of the layer."""
     rng = np.random.default_rng(0)
     mesh = TRIANGLES
-    of = boundary_layer(mesh)
+    layer = boundary_layer(mesh)
     nb = len(mesh.boundary)
     chosen = rng.random(nb) < 0.5
     added = np.where(~chosen, rng.random(nb), 0.0)
     either = np.where(chosen, rng.random(nb), 0.0)
     short = Shortfall(np.zeros(nb), np.zeros(nb), added, either)
-    bound = Lifting(of, None, form, None, None).remainder_squares(short)
+    bound = Lifting(layer, None, form, None, None).remainder_squares(short)
     for _ in range(20):
         values = added + either * rng.choice([-1.0, 1.0, 0.3], nb)
-        assert np.all(of.square_norms(form, *of.expand(values, np.zeros(nb))) <= bound * (1 + 1e-12))
+        assert np.all(layer.square_norms(form, *layer.expand(values, np.zeros(nb))) <= bound * (1 + 1e-12))

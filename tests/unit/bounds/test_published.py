@@ -68,17 +68,17 @@ def estimate(points, triangles, u, slope, order):
     rhs = f if order else np.broadcast_to(means[:, None], f.shape)
     stiffness = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w))).assemble(nodal)
     load = skfem.LinearForm(lambda v, w: w["f"] * v).assemble(nodal, f=rhs)
-    held = nodal.get_dofs().all()
+    boundary_nodes = nodal.get_dofs().all()
     u_h = np.zeros(nodal.N)
-    u_h[held] = u(*mesh.p[:, held])
-    gradient = nodal.interpolate(skfem.solve(*skfem.condense(stiffness, load, x=u_h, D=held))).grad
+    u_h[boundary_nodes] = u(*mesh.p[:, boundary_nodes])
+    gradient = nodal.interpolate(skfem.solve(*skfem.condense(stiffness, load, x=u_h, D=boundary_nodes))).grad
     q = patch_flux(mesh, nodal, gradient, rhs, order)
-    of_flux = (((np.asarray(q) + gradient) ** 2).sum(axis=0) * nodal.dx).sum(axis=1)
-    rest = f - q.div
-    oscillation = ((diameters(mesh)[:, None] / np.pi * rest) ** 2 * nodal.dx).sum(axis=1)
+    flux = (((np.asarray(q) + gradient) ** 2).sum(axis=0) * nodal.dx).sum(axis=1)
+    remaining = f - q.div
+    oscillation = ((diameters(mesh)[:, None] / np.pi * remaining) ** 2 * nodal.dx).sum(axis=1)
     error = ((gradient - slope(x, y)) ** 2).sum(axis=0) * nodal.dx
-    total = (np.sqrt(of_flux) + np.sqrt(oscillation)) ** 2
-    return Estimate(*(float(np.sqrt(square.sum())) for square in (error, of_flux, total)))
+    total = (np.sqrt(flux) + np.sqrt(oscillation)) ** 2
+    return Estimate(*(float(np.sqrt(square.sum())) for square in (error, flux, total)))
 
 
 def diameters(mesh):
@@ -88,7 +88,9 @@ def diameters(mesh):
 
 def patch_flux(mesh, nodal, gradient, f, order):
     """q with div q = f, nearest to -psi_a grad u_h on the patch of every node a, by dense systems."""
-    fluxes, divergences = (skfem.Basis(mesh, element, intorder=8) for element in ORDERS[order])
+    flux_element, divergence_element = ORDERS[order]
+    fluxes = skfem.Basis(mesh, flux_element, intorder=8)
+    divergences = skfem.Basis(mesh, divergence_element, intorder=8)
     phi = np.array([b[0] + 0 * f for b in fluxes.basis])
     w = np.array([b[0] + 0 * f for b in divergences.basis])
     hat = np.array([b[0] + 0 * f for b in nodal.basis])
@@ -109,23 +111,23 @@ def patch_flux(mesh, nodal, gradient, f, order):
         matrix = np.zeros((n + p * len(patch),) * 2)
         right = np.zeros(n + p * len(patch))
         for k, (t, a) in enumerate(zip(patch, corner, strict=True)):
-            own = np.searchsorted(dofs, fluxes.element_dofs[:, t])
+            original = np.searchsorted(dofs, fluxes.element_dofs[:, t])
             constraint = n + p * k + np.arange(p)
-            matrix[np.ix_(own, own)] += mass[t]
-            matrix[np.ix_(constraint, own)] = mixed[t]
-            matrix[np.ix_(own, constraint)] = mixed[t].T
-            right[own] += toward[t, a]
+            matrix[np.ix_(original, original)] += mass[t]
+            matrix[np.ix_(constraint, original)] = mixed[t]
+            matrix[np.ix_(original, constraint)] = mixed[t].T
+            right[original] += toward[t, a]
             right[constraint] = source[t, a]
         edges = np.unique(mesh.t2f[:, patch])
         outer = fluxes.facet_dofs[:, edges[(mesh.facets[:, edges] != node).all(axis=0)]]
         free = np.append(~np.isin(dofs, outer), np.ones(p * len(patch), dtype=bool))
-        found = np.zeros(len(right))
-        found[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], right[free], rcond=1e-12)[0]
-        q[dofs] += found[:n]
+        values = np.zeros(len(right))
+        values[free] = np.linalg.lstsq(matrix[np.ix_(free, free)], right[free], rcond=1e-12)[0]
+        q[dofs] += values[:n]
     return fluxes.interpolate(q)
 
 
-def crossed(n):
+def make_crossed_mesh(n):
     """Squares cut along both diagonals."""
     i = np.arange(n)[:, None] * (n + 1) + np.arange(n)
     centre = (n + 1) ** 2 + np.arange(n * n).reshape(n, n)
@@ -156,18 +158,21 @@ def test_this_computation_gives_the_figures_that_are_published():
 
     Their rule has the degree 4, which changes the fifth digit.
     """
-    found = estimate(*diagonal(10), sine, slope_of_sine, order=1)
-    assert found.error == pytest.approx(1.3578321110352214, rel=1e-4)
-    assert found.flux == pytest.approx(1.4110927866640735, rel=1e-4)
+    published_estimate = estimate(*diagonal(10), sine, slope_of_sine, order=1)
+    assert published_estimate.error == pytest.approx(1.3578321110352214, rel=1e-4)
+    assert published_estimate.flux == pytest.approx(1.4110927866640735, rel=1e-4)
 
 
-def test_the_documented_indices():
+def test_the_documented_indices_are_those_of_this_computation():
     """docs/accuracy.md, rounded to two digits; by this computation."""
     rows = [
         row.split("|")[1:-1] for row in (ROOT / "docs/accuracy.md").read_text().splitlines() if "n = " in row
     ]
-    cases = [(diagonal, 10, sine, slope_of_sine, 1), (crossed, 8, sine_cosine, slope_of_sine_cosine, 0)]
+    cases = [
+        (diagonal, 10, sine, slope_of_sine, 1),
+        (make_crossed_mesh, 8, sine_cosine, slope_of_sine_cosine, 0),
+    ]
     for row, (mesh, n, u, slope, order) in zip(rows, cases, strict=True):
         theirs = estimate(*mesh(n), u, slope, order)
-        computed = (theirs.flux / theirs.error, theirs.total / theirs.error, index(*mesh(n), n))
-        assert [float(cell) for cell in row[-3:]] == [round(value, 2) for value in computed]
+        computed_indices = (theirs.flux / theirs.error, theirs.total / theirs.error, index(*mesh(n), n))
+        assert [float(cell) for cell in row[-3:]] == [round(value, 2) for value in computed_indices]

@@ -40,7 +40,7 @@ def fine(shape):
     return mesh, basis, coarse.element_finder()(*middle)
 
 
-def parts(shape, rng, sizes, form, factor=0.0):
+def make_residual(shape, rng, sizes, form, factor=0.0):
     """Parts of those sizes at random, and their functional (N,); s' times the `factor`, if that is not 0."""
     mesh, basis, coarse = fine(shape)
     x = basis.global_coordinates()
@@ -68,8 +68,8 @@ def parts(shape, rng, sizes, form, factor=0.0):
     oscillation = mean_free(linear(rng.standard_normal((3, n))))
     oscillation *= sizes[1] / norms(oscillation).max()
     mean = sizes[2] * rng.standard_normal(n)
-    rest = sizes[3] * np.sign(linear(rng.standard_normal((3, n))))
-    rho = oscillation + mean[coarse, None] + rest
+    remaining = sizes[3] * np.sign(linear(rng.standard_normal((3, n))))
+    rho = oscillation + mean[coarse, None] + remaining
 
     @skfem.LinearForm
     def functional(v, w):
@@ -84,16 +84,16 @@ def parts(shape, rng, sizes, form, factor=0.0):
     layers = np.full(n, math.inf)
     if factor and form.c:
         layers = factor * bound_by_parts(mesh, np.arange(n), nodal, inside, np.zeros(n), form)
-    found = ResidualParts(
+    residual_parts = ResidualParts(
         mesh=mesh,
         form=form,
         misfit=np.hypot(norms(field[0]), norms(field[1])),
         oscillation=norms(oscillation),
         mean=np.sqrt(area) * np.abs(mean),
-        remainder=norms(rest),
+        remainder=norms(remaining),
         s_prime=layers,
     )
-    return found, functional.assemble(basis, field=field, rho=rho)
+    return residual_parts, functional.assemble(basis, field=field, rho=rho)
 
 
 @cache
@@ -141,9 +141,9 @@ def bounds(shape, seed=0, kinds=KINDS, exact=KINDS, factor=0.0):
     for form in forms(shape):
         for _ in range(3):
             sizes = [10.0 ** rng.uniform(-2, 2) * (kind in kinds) for kind in KINDS]
-            found, load = parts(shape, rng, sizes, form, factor)
-            found = found._replace(**{kind: 0 * found.mean for kind in KINDS if kind not in exact})
-            yield form, found.dual_norms()[1] / dual_norm(shape, load, form)
+            computed, load = make_residual(shape, rng, sizes, form, factor)
+            computed = computed._replace(**{kind: 0 * computed.mean for kind in KINDS if kind not in exact})
+            yield form, computed.dual_norms()[1] / dual_norm(shape, load, form)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -152,7 +152,7 @@ def test_the_bound_is_never_below_the_norm(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_nor_is_that_by_parts(shape):
+def test_the_bound_by_parts_is_never_below_the_norm(shape):
     """Control: half of it is."""
     assert min(ratio for _, ratio in bounds(shape, 8, factor=1.0)) >= 1
     assert min(ratio for _, ratio in bounds(shape, 8, factor=0.4)) < 1
@@ -161,24 +161,29 @@ def test_nor_is_that_by_parts(shape):
 def test_by_parts_a_layer_that_is_not_seen_costs_little():
     """For fields alone; (k/c)^(1/2) is a hundredth of the triangle, which the fine mesh hardly resolves."""
     form = Form(1.0, 1e4)
-    found, load = parts("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
-    least = dual_norm("right", load, form)
-    assert found.dual_norms()[0] < 3 * least
-    assert found._replace(s_prime=0 * found.mean + math.inf).dual_norms()[0] > 4 * least
+    residual, load = make_residual("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
+    min_dual_norm = dual_norm("right", load, form)
+    assert residual.dual_norms()[0] < 3 * min_dual_norm
+    assert residual._replace(s_prime=0 * residual.mean + math.inf).dual_norms()[0] > 4 * min_dual_norm
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_part_may_be_left_out(kind):
     """The control of the test above: without a part the norm of what it makes alone is 0."""
-    found = [ratio for _, ratio in bounds("square", 1, (kind,), [each for each in KINDS if each != kind])]
-    assert max(found) < 1
+    ratios = [
+        ratio
+        for _, ratio in bounds(
+            "square", 1, (kind,), [other_kind for other_kind in KINDS if other_kind != kind]
+        )
+    ]
+    assert max(ratios) < 1
 
 
-@pytest.mark.parametrize(("kind", "most"), [("misfit", 1.5), ("oscillation", 5.0), ("mean", 1.5)])
-def test_one_part_alone_has_nearly_its_norm(kind, most):
+@pytest.mark.parametrize(("kind", "maximum"), [("misfit", 1.5), ("oscillation", 5.0), ("mean", 1.5)])
+def test_one_part_alone_has_nearly_its_norm(kind, maximum):
     """On H^1, or where c is large, a constant alone has its norm; a field may be no gradient."""
-    found = [ratio for form, ratio in bounds("right", 2, (kind,)) if form.c]
-    assert 1 <= min(found) < most
+    ratios = [ratio for form, ratio in bounds("right", 2, (kind,)) if form.c]
+    assert 1 <= min(ratios) < maximum
 
 
 def test_a_smaller_constant_is_too_small(monkeypatch):
@@ -196,11 +201,11 @@ def test_theta_is_the_best_one():
         if form.c == 0:
             continue
         m, o, r = 10.0 ** rng.uniform(-3, 3, (3, len(mesh.triangles)))
-        found = ResidualParts(mesh, form, m, o, r, 0 * m, 0 * m + math.inf).squares()
+        squares = ResidualParts(mesh, form, m, o, r, 0 * m, 0 * m + math.inf).squares()
         theta = np.linspace(0, 1, 100001)[:, None]
         all_of_them = (m + theta * delta * o) ** 2 / form.k + (r**2 + ((1 - theta) * o) ** 2) / form.c
-        assert np.all(found <= all_of_them.min(axis=0) * (1 + 1e-12))
-        np.testing.assert_allclose(found, all_of_them.min(axis=0), rtol=1e-4)
+        assert np.all(squares <= all_of_them.min(axis=0) * (1 + 1e-12))
+        np.testing.assert_allclose(squares, all_of_them.min(axis=0), rtol=1e-4)
 
 
 def test_gamma_is_the_best_one():
@@ -212,37 +217,39 @@ def test_gamma_is_the_best_one():
         if not form.clamped:
             continue
         m, r = 10.0 ** rng.uniform(-3, 3, (2, len(mesh.triangles)))
-        found = ResidualParts(mesh, form, m, 0 * m, r, 0 * m, 0 * m + math.inf)
+        residual_parts = ResidualParts(mesh, form, m, 0 * m, r, 0 * m, 0 * m + math.inf)
         with np.errstate(divide="ignore"):
             squares = np.sum(m**2) / ((1 - gamma) * form.k)
             squares += np.sum(r**2) / (form.c + gamma * form.k / FRIEDRICHS**2)
-        assert found.dual_norms()[1] == pytest.approx(math.sqrt(squares.min()), rel=1e-3)
+        assert residual_parts.dual_norms()[1] == pytest.approx(math.sqrt(squares.min()), rel=1e-3)
 
 
 def test_nothing_jumps_as_c_vanishes():
     """With Friedrichs' constant; without, the bound grows like c^(-1/2), and is infinite for c = 0."""
     clamped = Form(1.0, 0.0, (3,), friedrichs=FRIEDRICHS)
-    found, _ = parts("square", np.random.default_rng(6), [1.0, 1.0, 1.0, 0.1], clamped)
-    on_H1, exact = found.dual_norms()
-    assert found._replace(form=clamped._replace(c=1e-30)).dual_norms()[1] == pytest.approx(exact, rel=1e-12)
+    computed, _ = make_residual("square", np.random.default_rng(6), [1.0, 1.0, 1.0, 0.1], clamped)
+    on_H1, exact = computed.dual_norms()
+    assert computed._replace(form=clamped._replace(c=1e-30)).dual_norms()[1] == pytest.approx(
+        exact, rel=1e-12
+    )
     assert on_H1 == math.inf
-    small = found._replace(form=Form(c=1e-4)).dual_norms()[0]
-    larger = found._replace(form=Form(c=1e-2)).dual_norms()[0]
+    small = computed._replace(form=Form(c=1e-4)).dual_norms()[0]
+    larger = computed._replace(form=Form(c=1e-2)).dual_norms()[0]
     assert 10 < small / larger * 1.01 < 11
 
 
 def test_the_smaller_of_both_counts_on_a_triangle():
-    found, _ = parts("square", np.random.default_rng(7), [1.0, 1.0, 1.0, 0.1], Form())
-    squares = found.squares()
-    other = np.array([0.5 * math.sqrt(squares[0]), math.inf])
-    np.testing.assert_allclose(found._replace(s_prime=other).squares(), squares * [0.25, 1.0])
+    residual, _ = make_residual("square", np.random.default_rng(7), [1.0, 1.0, 1.0, 0.1], Form())
+    squares = residual.squares()
+    second = np.array([0.5 * math.sqrt(squares[0]), math.inf])
+    np.testing.assert_allclose(residual._replace(s_prime=second).squares(), squares * [0.25, 1.0])
 
 
 @pytest.mark.parametrize("form", [Form(), Form(2.0, 0.5, (3,), friedrichs=FRIEDRICHS), *forms("square")])
 def test_shares_are_parts_of_the_square(form):
     """Their sum is at most S^2 and at least half of it."""
     rng = np.random.default_rng(10)
-    found, _ = parts("square", rng, [1.0, 1.0, 1.0, 0.1], form)
-    total = found.shares().sum()
-    S = found.dual_norms()[1]
+    residual, _ = make_residual("square", rng, [1.0, 1.0, 1.0, 0.1], form)
+    total = residual.shares().sum()
+    S = residual.dual_norms()[1]
     assert 0.5 * S**2 * (1 - 1e-6) <= total <= S**2

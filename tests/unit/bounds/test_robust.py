@@ -29,7 +29,7 @@ LARGEST_INDEX = 2.5
 """The issue of these bounds asks for 10."""
 
 
-def known(kind, k, c):
+def make_layer_problem(kind, k, c):
     """u and a problem: k du/dn >= 0 is the multiplier where there is contact."""
     u = CONVEX if kind == "contact" else SMOOTH
     f = f"{c!r}*({u}) - {k!r}*({sympy.diff(u, X, 2) + sympy.diff(u, Y, 2)})"
@@ -42,7 +42,7 @@ def known(kind, k, c):
 
 
 def index(kind, ratio, n, k=1.0):
-    u, problem = known(kind, k, k * ratio)
+    u, problem = make_layer_problem(kind, k, k * ratio)
     solved = ul.solve(problem, h=1 / n, H=2 / n).solved
     error = h1_errors(u, solved.mesh, [solved.u_h], k=k, c=k * ratio)[0]
     return solved.local_bound.u / error
@@ -53,12 +53,12 @@ def index(kind, ratio, n, k=1.0):
 def test_the_index_does_not_depend_on_c_over_k(kind, n):
     """Where (k/c)^(1/2) is 1e15 or 1e-8 it is as between; c = 1e-30 takes a clamped side."""
     ratios = [ratio for ratio in RATIOS if ratio > 1e-30 or kind != "contact"]
-    found = [index(kind, ratio, n) for ratio in ratios]
-    assert 1 <= min(found) <= max(found) <= LARGEST_INDEX
+    indexes = [index(kind, ratio, n) for ratio in ratios]
+    assert 1 <= min(indexes) <= max(indexes) <= LARGEST_INDEX
 
 
 @pytest.mark.parametrize("k", [1e-26, 1e-8, 1e26])
-def test_it_does_not_depend_on_k_alone(k):
+def test_the_index_does_not_depend_on_k_alone(k):
     """But for rounding, and for what squares that vanish may hide."""
     for ratio in (1e-2, 1e4):
         assert index("mixed", ratio, 8, k) == pytest.approx(index("mixed", ratio, 8), rel=1e-6)
@@ -69,10 +69,10 @@ def test_a_tiny_c_is_like_none():
     assert index("mixed", 1e-8, 8) == pytest.approx(index("mixed", 1e-30, 8), rel=1e-6)
 
 
-@pytest.mark.parametrize("part", ["patches", "edges"])
-def test_an_equilibrated_flux_alone_is_not_robust(part, monkeypatch):
+@pytest.mark.parametrize("component", ["patches", "edges"])
+def test_an_equilibrated_flux_alone_is_not_robust(component, monkeypatch):
     """Control: with w = 1 in patches, or on edges, where lambda_H is far from lambda."""
-    if part == "patches":
+    if component == "patches":
         monkeypatch.setattr(equilibrated_flux, "PATCH_REACTION_RATIO", 1e100)
     else:
         monkeypatch.setattr(boundary_flux, "EDGE_REACTION_RATIO", 1e100)
@@ -126,13 +126,13 @@ def test_a_step_in_time_has_the_same_index(name, n):
         assert error <= bound <= LARGEST_INDEX * error
 
 
-def test_such_a_step_needs_the_bound_by_parts(monkeypatch):
+def test_a_step_in_time_needs_the_bound_by_parts(monkeypatch):
     """Control: without it the index grows like (h^2 c)^(1/4)."""
-    own = ResidualParts._squares_of_block
+    original = ResidualParts._squares_of_block
     monkeypatch.setattr(
         ResidualParts,
         "_squares_of_block",
-        lambda self, block: own(self._replace(s_prime=np.full_like(self.mean, np.inf)), block),
+        lambda self, block: original(self._replace(s_prime=np.full_like(self.mean, np.inf)), block),
     )
     bound, error = time_step(STEPS["hat"](np.arange(1, 8) / 8), 8, 1e12)
     assert bound > 10 * error

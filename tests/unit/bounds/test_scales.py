@@ -28,20 +28,18 @@ def square(length: float) -> list[list[float]]:
     return [[0, 0], [length, 0], [length, length], [0, length]]
 
 
-def problem(name: str, of_u: str, length: float = 1.0, k: float = 1.0, c: float = 1.0) -> ul.Problem:
+def problem(name: str, u: str, length: float = 1.0, k: float = 1.0, c: float = 1.0) -> ul.Problem:
     """u = U(x / L) times a number: known, with contact on both ends of the square, or none."""
     t = f"(x*{1 / length!r})"
     kc = {"k": repr(k), "c": repr(c)}
     second = f"{k!r}*({1 / length!r})**2"
     first = f"{c!r}"
     if name == "constant":
-        return ul.Problem(square(length), f"{of_u}*{first}", g=f"-{of_u}", **kc)
+        return ul.Problem(square(length), f"{u}*{first}", g=f"-{u}", **kc)
     if name == "cosine":
-        return ul.Problem(
-            square(length), f"{of_u}*({first} + pi**2*{second})*cos(pi*{t})", g=f"-2*{of_u}", **kc
-        )
-    ends = f"{of_u}/4"
-    f = f"{of_u}*({first}*({t} - 1/2)**2 - 2*{second})"
+        return ul.Problem(square(length), f"{u}*({first} + pi**2*{second})*cos(pi*{t})", g=f"-2*{u}", **kc)
+    ends = f"{u}/4"
+    f = f"{u}*({first}*({t} - 1/2)**2 - 2*{second})"
     return ul.Problem(square(length), f, g=[None, ends, None, ends], free_sides=[0, 2], **kc)
 
 
@@ -54,17 +52,17 @@ def relative_error(mesh: Mesh, u_h: Array, form: Form, name: str, size: float) -
     return float(h1_errors(u, mesh, [u_h / size], k=form.k, c=form.c)[0])
 
 
-def bounds(found: ul.Solution) -> list[float]:
+def bounds(solution: ul.Solution) -> list[float]:
     """The cheap and the sharp bound of u, and those of lambda."""
-    both = found.bounds, found.sharp_bounds
-    assert all(both)
-    return [number for each in both if each for number in (each.u, each.multiplier)]
+    pair = solution.bounds, solution.sharp_bounds
+    assert all(pair)
+    return [number for item in pair if item for number in (item.u, item.multiplier)]
 
 
-def is_bounded(found: ul.Solution, name: str, size: float) -> bool:
-    of = found.solved
-    error = relative_error(of.mesh, of.u_h, of.form, name, size)
-    return 0 < error <= min(bounds(found)[::2]) / size < math.inf
+def has_valid_bounds(solution: ul.Solution, name: str, size: float) -> bool:
+    solved = solution.solved
+    error = relative_error(solved.mesh, solved.u_h, solved.form, name, size)
+    return 0 < error <= min(bounds(solution)[::2]) / size < math.inf
 
 
 @cache
@@ -78,11 +76,13 @@ def solution(name: str, size: float) -> ul.Solution:
 def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, power: int) -> None:
     """But for those of numbers written as decimals, and for what is added as squares may vanish."""
     size = 2.0**power
-    one = solution(name, 1.0)
+    first = solution(name, 1.0)
     scaled = solution(name, size)
-    lost = underflow_allowance(scaled.solved.mesh, scaled.solved.form)
-    np.testing.assert_allclose(np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=2 * lost / size)
-    assert is_bounded(scaled, name, size)
+    missing = underflow_allowance(scaled.solved.mesh, scaled.solved.form)
+    np.testing.assert_allclose(
+        np.array(bounds(scaled)) / size, bounds(first), rtol=1e-6, atol=2 * missing / size
+    )
+    assert has_valid_bounds(scaled, name, size)
 
 
 def test_data_beyond_are_refused() -> None:
@@ -99,31 +99,31 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
     """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
     monkeypatch.setattr(data_checks, "MIN_DATA_SIZE", 0.0)
 
-    def found() -> ul.Solution:
-        of = problem("cosine", repr(size))
-        return ul.solve(of, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
+    def solve_small_cosine() -> ul.Solution:
+        posed_problem = problem("cosine", repr(size))
+        return ul.solve(posed_problem, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm="active_set"))
 
-    assert is_bounded(found(), "cosine", size)
+    assert has_valid_bounds(solve_small_cosine(), "cosine", size)
     monkeypatch.setattr(flux_residuals, "UNDERFLOW", 0.0)
     monkeypatch.setattr(residual_norm, "UNDERFLOW", 0.0)
     monkeypatch.setattr(residual_norm, "QUOTIENT_UNDERFLOW", 0.0)
-    assert not is_bounded(found(), "cosine", size)
+    assert not has_valid_bounds(solve_small_cosine(), "cosine", size)
 
 
-def test_a_small_f_beside_a_large_obstacle_that_is_not_touched() -> None:
+def test_bounds_are_as_small_as_f_beside_a_large_obstacle_that_is_not_touched() -> None:
     """u is as small as f; so are the bounds, though not the algebraic one's sizes, u - g and g."""
     size = 2.0**-400
-    of = ul.Problem(square(1), f"{size!r}*(1 + pi**2)*cos(pi*x)", g="-1")
-    found = ul.solve(of, h=1 / 16, H=1 / 8)
-    assert is_bounded(found, "cosine", size)
-    assert max(bounds(found)) < size
-    assert found.solved.result.bound < 0.01 * size
+    problem = ul.Problem(square(1), f"{size!r}*(1 + pi**2)*cos(pi*x)", g="-1")
+    solution = ul.solve(problem, h=1 / 16, H=1 / 8)
+    assert has_valid_bounds(solution, "cosine", size)
+    assert max(bounds(solution)) < size
+    assert solution.solved.result.bound < 0.01 * size
 
 
 @pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
 @pytest.mark.parametrize("name", U)
 @pytest.mark.parametrize("length", [1e-8, 1e-2, 1e4, 1e8])
-def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None:
+def test_errors_are_bounded_on_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None:
     """Those that are too small to be condensed to the boundary are refused there.
 
     A constant has no error but rounding, which hides multigrid's stop.
@@ -135,29 +135,29 @@ def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ul.SolutionWarning)
-        found = ul.solve(problem(name, "1", length), **sizes)
-    assert is_bounded(found, name, 1.0)
-    assert found.converged or (name, algorithm) == ("constant", "multigrid")
+        solution = ul.solve(problem(name, "1", length), **sizes)
+    assert has_valid_bounds(solution, name, 1.0)
+    assert solution.converged or (name, algorithm) == ("constant", "multigrid")
 
 
 @pytest.mark.parametrize("size", [1e-100, 1e95])
 @pytest.mark.parametrize("algorithm", ["uzawa", "active_set"])
-def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
+def test_errors_are_bounded_for_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
     """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
     length = 1e20
     stop = ul.Stop(algorithm=algorithm)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ul.SolutionWarning)
-        found = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)
-    assert is_bounded(found, "contact", size)
-    assert found.converged or algorithm == "active_set"
+        solution = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)
+    assert has_valid_bounds(solution, "contact", size)
+    assert solution.converged or algorithm == "active_set"
 
 
 @pytest.mark.parametrize("name", U)
 @pytest.mark.parametrize(
     ("k", "c"), [(1e-12, 1e-12), (1e-12, 1.0), (1.0, 1e12), (1.0, 1e-4), (1e12, 1e6), (1e12, 1e12)]
 )
-def test_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
+def test_errors_are_bounded_for_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
     """One of the two is nothing beside the other, or both are large or small."""
-    found = ul.solve(problem(name, "1", k=k, c=c), h=1 / 8, H=1 / 4)
-    assert is_bounded(found, name, 1.0)
+    solution = ul.solve(problem(name, "1", k=k, c=c), h=1 / 8, H=1 / 4)
+    assert has_valid_bounds(solution, name, 1.0)

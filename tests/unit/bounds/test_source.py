@@ -21,33 +21,33 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import make_structured_mesh
 
 
-def left(of, found, times=40):
+def integrate_remainder(source, enclosure, times=40):
     """(m,) ||f - f_h||_T and (m,) the integrals of f - f_h, by midpoints of times^2 parts of each T."""
-    i, j = (a.ravel() for a in np.meshgrid(np.arange(times), np.arange(times), indexing="ij"))
+    i, j = np.indices((times, times)).reshape(2, -1)
     up = i + j < times
     down = i + j < times - 1
     first = np.concatenate([i[up] + 1 / 3, i[down] + 2 / 3]) / times
     second = np.concatenate([j[up] + 1 / 3, j[down] + 2 / 3]) / times
     weights = np.stack([1 - first - second, first, second], axis=1)
-    mesh = found.mesh
+    mesh = enclosure.mesh
     points = np.einsum("qb,tbd->tqd", weights, mesh.points[mesh.triangles])
-    rest = of.value(*np.moveaxis(points, 2, 0))[0] - np.einsum("qb,tb->tq", weights, found.f_h)
-    return np.sqrt(mesh.areas * np.mean(rest**2, axis=1)), mesh.areas * rest.mean(axis=1)
+    remaining = source.value(*np.moveaxis(points, 2, 0))[0] - np.einsum("qb,tb->tq", weights, enclosure.f_h)
+    return np.sqrt(mesh.areas * np.mean(remaining**2, axis=1)), mesh.areas * remaining.mean(axis=1)
 
 
 @pytest.mark.parametrize("text", FORMULAS)
 @pytest.mark.parametrize("h", [1 / 3, 1 / 9])
 def test_what_is_left_of_f_is_bounded_on_every_triangle(text, h):
     """Against sums over small triangles, which miss up to their size of a jump; the sum of all is sharp."""
-    of = Source(text)
-    found = enclose_function(meshes.make_unstructured_mesh(square(), h), of)
-    norms, integrals = left(of, found)
-    root = np.sqrt(found.mesh.areas)
+    source = Source(text)
+    enclosure = enclose_function(meshes.make_unstructured_mesh(square(), h), source)
+    norms, integrals = integrate_remainder(source, enclosure)
+    root = np.sqrt(enclosure.mesh.areas)
     slack = 0.02 * root * (5 if "0)" in text else 1)
-    assert np.all(norms <= found.oscillation + found.jumps + found.remainder + slack)
-    assert np.all(np.abs(integrals) <= (found.remainder + slack) * root)
-    assert np.linalg.norm(found.oscillation + found.jumps) <= 1.6 * np.linalg.norm(norms)
-    assert found.remainder_norm <= 0.1 * np.linalg.norm(norms)
+    assert np.all(norms <= enclosure.oscillation + enclosure.jumps + enclosure.remainder + slack)
+    assert np.all(np.abs(integrals) <= (enclosure.remainder + slack) * root)
+    assert np.linalg.norm(enclosure.oscillation + enclosure.jumps) <= 1.6 * np.linalg.norm(norms)
+    assert enclosure.remainder_norm <= 0.1 * np.linalg.norm(norms)
 
 
 @pytest.mark.parametrize("text", ["exp(x)*y**2", "4*cos(4*pi*x)*cos(4*pi*y)", "x**3 + pos(x - y - 1/7, 0)"])
@@ -56,17 +56,17 @@ def test_what_f_h_leaves_is_orthogonal_to_linear_functions(text):
 
     Control: without p - f_h, and without what jumps leave, the bound is too small.
     """
-    of = Source(text)
-    found = enclose_function(meshes.make_unstructured_mesh(square(), 1 / 3), of)
-    area = found.mesh.areas
+    source = Source(text)
+    enclosure = enclose_function(meshes.make_unstructured_mesh(square(), 1 / 3), source)
+    area = enclosure.mesh.areas
     for seed in range(3):
-        more = np.random.default_rng(seed).standard_normal((len(area), 3))
-        norms, _ = left(of, replace(found, f_h=found.f_h + more))
-        of_linear = np.sqrt(linear_square_norms(area, more))
-        bound = np.hypot(of_linear, found.oscillation) + found.jumps + found.remainder
+        extra_samples = np.random.default_rng(seed).standard_normal((len(area), 3))
+        norms, _ = integrate_remainder(source, replace(enclosure, f_h=enclosure.f_h + extra_samples))
+        linear = np.sqrt(linear_square_norms(area, extra_samples))
+        bound = np.hypot(linear, enclosure.oscillation) + enclosure.jumps + enclosure.remainder
         slack = 0.02 * np.sqrt(area) * ("pos" in text)
         assert np.all(norms <= bound * (1 + 1e-3) + slack)
-        assert np.any(norms > of_linear + found.jumps + found.remainder + slack)
+        assert np.any(norms > linear + enclosure.jumps + enclosure.remainder + slack)
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4])
@@ -76,39 +76,40 @@ def test_no_peak_is_missed(width, place):
 
     The mesh has 8 triangles. Control: points of a rule miss it; f_h, of its mean, is small where f is narrow.
     """
-    a, b = (sympy.Rational(str(c)) for c in place)
-    of = Source(f"exp(-((x - {a})**2 + (y - {b})**2)*{1 / width**2:.0f})")
-    found = enclose_function(make_structured_mesh(square(), 1 / 2), of)
+    a = sympy.Rational(str(place[0]))
+    b = sympy.Rational(str(place[1]))
+    source = Source(f"exp(-((x - {a})**2 + (y - {b})**2)*{1 / width**2:.0f})")
+    enclosure = enclose_function(make_structured_mesh(square(), 1 / 2), source)
     share = (0.5 if b == 0 else 1.0) * np.pi * width**2
-    assert 0.99 * share <= found.moments().sum() <= 1.01 * share
-    total = np.hypot(np.linalg.norm(found.oscillation), norm_of_linear(found))
+    assert 0.99 * share <= enclosure.moments().sum() <= 1.01 * share
+    total = np.hypot(np.linalg.norm(enclosure.oscillation), norm_of_linear(enclosure))
     assert total >= 0.99 * np.sqrt(share / 2)
-    assert found.remainder_norm <= 0.02 * total
+    assert enclosure.remainder_norm <= 0.02 * total
     if width <= 1e-3:
-        assert np.max(of.value(*np.random.default_rng(1).random((2, 500)))[0]) < 1e-3
+        assert np.max(source.value(*np.random.default_rng(1).random((2, 500)))[0]) < 1e-3
 
 
-def norm_of_linear(found):
+def norm_of_linear(enclosure):
     """||f_h||."""
-    f = found.f_h
-    return np.sqrt(found.mesh.areas @ (np.sum(f**2, axis=1) + f.sum(axis=1) ** 2) / 12)
+    f = enclosure.f_h
+    return np.sqrt(enclosure.mesh.areas @ (np.sum(f**2, axis=1) + f.sum(axis=1) ** 2) / 12)
 
 
 def test_what_cannot_be_enclosed_is_said():
     """A wave of length 1/1600 on a mesh of 1/4 takes more pieces than there are: f = 0 up to 1 is all."""
-    found = enclose_function(make_structured_mesh(square(), 1 / 4), Source("cos(3200*pi*x)"))
-    assert found.remainder_norm == pytest.approx(1, rel=1e-9)
-    assert distance(found) <= 1 + 2 * SQUARES_ROUNDING
+    enclosure = enclose_function(make_structured_mesh(square(), 1 / 4), Source("cos(3200*pi*x)"))
+    assert enclosure.remainder_norm == pytest.approx(1, rel=1e-9)
+    assert distance(enclosure) <= 1 + 2 * SQUARES_ROUNDING
     resolved = enclose_function(make_structured_mesh(square(), 1 / 4), Source("cos(32*pi*x)"))
     assert resolved.remainder_norm < 1e-3
 
 
 def test_terms_that_cancel_leave_their_rounding():
     """1e10 (x - y)^2, expanded and taken away again: what is left is x, up to 1e10 units of rounding."""
-    of = Source("1e10*(x - y)**2 - 1e10*x**2 + 2e10*x*y - 1e10*y**2 + x")
-    found = enclose_function(make_structured_mesh(square(), 1 / 4), of)
-    assert 1e-7 < found.remainder_norm < 1e-2
-    assert np.abs(found.f_h - found.mesh.points[found.mesh.triangles][..., 0]).max() < 1e-4
+    source = Source("1e10*(x - y)**2 - 1e10*x**2 + 2e10*x*y - 1e10*y**2 + x")
+    enclosure = enclose_function(make_structured_mesh(square(), 1 / 4), source)
+    assert 1e-7 < enclosure.remainder_norm < 1e-2
+    assert np.abs(enclosure.f_h - enclosure.mesh.points[enclosure.mesh.triangles][..., 0]).max() < 1e-4
 
 
 def neumann_constant(triangle):
@@ -144,26 +145,28 @@ def test_both_parts_of_the_distance_are_needed():
     Control: without the oscillation, and without the rest, the bound is smaller than that.
     """
     mesh = make_structured_mesh(square(), 1 / 2)
-    of = Source("4*cos(4*pi*x)*cos(4*pi*y)")
-    found = enclose_function(mesh, of)
-    rest = found.remainder + 0.6 * np.sqrt(mesh.areas)
-    moved = replace(found, f_h=found.f_h + 0.6, remainder=rest)
-    for each, without in ((found, "oscillation"), (moved, "remainder")):
-        assert dual(of, each) <= distance(each)
-        assert dual(of, each) > distance(replace(each, **{without: 0 * rest}))
+    source = Source("4*cos(4*pi*x)*cos(4*pi*y)")
+    enclosure = enclose_function(mesh, source)
+    remaining = enclosure.remainder + 0.6 * np.sqrt(mesh.areas)
+    shifted = replace(enclosure, f_h=enclosure.f_h + 0.6, remainder=remaining)
+    for enclosed, without in ((enclosure, "oscillation"), (shifted, "remainder")):
+        assert dual(source, enclosed) <= distance(enclosed)
+        assert dual(source, enclosed) > distance(replace(enclosed, **{without: 0 * remaining}))
 
 
-def distance(found):
+def distance(enclosure):
     """A bound on the norm of f - f_h in the dual of H1."""
-    zero = np.zeros_like(found.remainder)
-    mean_free = found.oscillation + found.jumps
-    parts = ResidualParts(found.mesh, H1, zero, mean_free, zero, found.remainder, zero + np.inf)
-    return parts.dual_norms()[0]
+    zero = np.zeros_like(enclosure.remainder)
+    mean_free = enclosure.oscillation + enclosure.jumps
+    residual_parts = ResidualParts(
+        enclosure.mesh, H1, zero, mean_free, zero, enclosure.remainder, zero + np.inf
+    )
+    return residual_parts.dual_norms()[0]
 
 
-def dual(of, found):
+def dual(source, enclosure):
     """A lower bound of the norm of f - f_h in the dual of H1."""
-    mesh = found.mesh
+    mesh = enclosure.mesh
     fine = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()).refined(3)
     basis = skfem.Basis(fine, skfem.ElementTriP2(), intorder=8)
     where = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()).element_finder()
@@ -171,15 +174,15 @@ def dual(of, found):
     @skfem.LinearForm
     def load(w, data):
         x, y = data.x
-        at = where(x.ravel(), y.ravel())
-        a = mesh.points[mesh.triangles[at]][:, 0]
-        b = mesh.points[mesh.triangles[at]][:, 1]
-        c = mesh.points[mesh.triangles[at]][:, 2]
+        values = where(x.ravel(), y.ravel())
+        a = mesh.points[mesh.triangles[values]][:, 0]
+        b = mesh.points[mesh.triangles[values]][:, 1]
+        c = mesh.points[mesh.triangles[values]][:, 2]
         p = np.stack([x.ravel(), y.ravel()], axis=1)
         l1 = cross(*(p - a, c - a)) / cross(b - a, c - a)
         l2 = cross(*(b - a, p - a)) / cross(b - a, c - a)
-        f_h = np.sum(found.f_h[at] * np.stack([1 - l1 - l2, l1, l2], axis=1), axis=1)
-        return (of.value(x, y)[0] - f_h.reshape(x.shape)) * w
+        f_h = np.sum(enclosure.f_h[values] * np.stack([1 - l1 - l2, l1, l2], axis=1), axis=1)
+        return (source.value(x, y)[0] - f_h.reshape(x.shape)) * w
 
     A = skfem.BilinearForm(lambda v, w, _: dot(grad(v), grad(w)) + v * w).assemble(basis)
     r = load.assemble(basis)
@@ -189,23 +192,23 @@ def dual(of, found):
 def test_a_step_has_the_value_of_its_side_whatever_cancels():
     """The argument is x - 1/3, written so that rounding hides it: int f = 2/3, exactly."""
     a = "(x + 3000000)**3 - (x + 2999999)**3 - 3*(x + 2999999)**2 - 3*(x + 2999999) - 1 + x - 1/3"
-    found = enclose_function(make_structured_mesh(square(), 1 / 4), Source(f"pos({a}, 0)"))
-    assert found.moments().sum() == pytest.approx(2 / 3, abs=1e-9)
-    assert found.remainder_norm < 1e-9
+    enclosure = enclose_function(make_structured_mesh(square(), 1 / 4), Source(f"pos({a}, 0)"))
+    assert enclosure.moments().sum() == pytest.approx(2 / 3, abs=1e-9)
+    assert enclosure.remainder_norm < 1e-9
 
 
 @pytest.mark.parametrize("offset", [0, 10**5, 10**7])
 def test_a_circle_far_away_has_its_radius_or_a_doubt(offset):
     """int f = pi r^2 with r = 1/150, up to the doubt."""
-    at = sympy.Rational(offset) + sympy.Rational(49, 101)
-    of = Source(f"pos(1/22500 - (x - ({at}))**2 - (y - ({at}))**2, 0)")
-    (kink,) = of.jumps.values()
+    position = sympy.Rational(offset) + sympy.Rational(49, 101)
+    source = Source(f"pos(1/22500 - (x - ({position}))**2 - (y - ({position}))**2, 0)")
+    (kink,) = source.jumps.values()
     assert kink.radius == pytest.approx(1 / 150, rel=1e-15)
     corner = offset + np.array([[0.47, 0.47], [0.5, 0.47], [0.5, 0.5], [0.47, 0.5]])
     mesh = meshes.make_unstructured_mesh(Polygon(corner, "far"), 0.01)
-    found = enclose_function(mesh, of)
-    doubt = float(found.remainder @ np.sqrt(mesh.areas))
-    assert abs(found.moments().sum() - np.pi / 22500) <= doubt + 1e-16
+    enclosure = enclose_function(mesh, source)
+    doubt = float(enclosure.remainder @ np.sqrt(mesh.areas))
+    assert abs(enclosure.moments().sum() - np.pi / 22500) <= doubt + 1e-16
     assert doubt < 1e-12 * max(offset, 1)
 
 
@@ -214,19 +217,19 @@ def test_jumps_that_touch_leave_no_flat_piece():
     lines = " + ".join(f"pos({k}*(x - 1/3) - {24 - k}*(y - 1/3), 0)" for k in range(1, 24))
     for text in ("pos(1/16 - (x - 1/2)**2 - (y - 1/2)**2, 0) + pos(x - 1/4, 0)", lines):
         for h in (1 / 3, 1 / 7):
-            found = enclose_function(make_structured_mesh(square(), h), Source(text))
-            assert np.all(np.isfinite(found.f_h))
-            assert found.moments().sum() == pytest.approx(
-                found.f_h.mean(axis=1) @ found.mesh.areas, rel=1e-12
+            enclosure = enclose_function(make_structured_mesh(square(), h), Source(text))
+            assert np.all(np.isfinite(enclosure.f_h))
+            assert enclosure.moments().sum() == pytest.approx(
+                enclosure.f_h.mean(axis=1) @ enclosure.mesh.areas, rel=1e-12
             )
 
 
 def test_what_is_wanted_is_not_judged_by_what_is_unknown():
     """f has values up to 5 in a hundredth of the square; no piece is good enough because others are bad."""
-    of = Source("((100*x-31)**4 + (100*y-47)**4)*exp(-(100*x-31)**2-(100*y-47)**2)")
-    found = enclose_function(make_structured_mesh(square(), 1 / 2), of)
-    assert found.is_resolved
-    assert found.remainder_norm <= 0.05 * np.linalg.norm(found.oscillation)
+    source = Source("((100*x-31)**4 + (100*y-47)**4)*exp(-(100*x-31)**2-(100*y-47)**2)")
+    enclosure = enclose_function(make_structured_mesh(square(), 1 / 2), source)
+    assert enclosure.is_resolved
+    assert enclosure.remainder_norm <= 0.05 * np.linalg.norm(enclosure.oscillation)
 
 
 @pytest.mark.parametrize("k", [10**10, 10**13])
@@ -235,6 +238,6 @@ def test_a_flat_part_is_not_left_out(k):
 
     The integral is that of x, 1/2, and the peak's, 1 but for less than 1e-40; 1e-5 of it is far from none.
     """
-    of = Source(f"{k**2}*exp(-{k}*(x + y)) + x + pos({100 / k!r} - x - y, 0)")
-    found = enclose_function(make_structured_mesh(square(), 1 / 2), of)
-    assert found.moments().sum() == pytest.approx(1.5, abs=1e-5)
+    source = Source(f"{k**2}*exp(-{k}*(x + y)) + x + pos({100 / k!r} - x - y, 0)")
+    enclosure = enclose_function(make_structured_mesh(square(), 1 / 2), source)
+    assert enclosure.moments().sum() == pytest.approx(1.5, abs=1e-5)

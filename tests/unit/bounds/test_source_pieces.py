@@ -33,41 +33,43 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     points = np.column_stack([x, y])
     unit = 2.0**-40
     mesh = meshes.from_arrays(Polygon(points, "large"), points, [[0, 1, 2]])
-    of_mesh = x[mesh.triangles[0]].tolist()
+    corner_values = x[mesh.triangles[0]].tolist()
     first = 1 / 3 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, (K, 2))
     first = unit * np.round(first / unit)
     first = np.column_stack([first, 1 - first.sum(axis=1)])
     corners = np.stack([first, first + 9e4 * unit * np.array([1, -1, 0]), first], axis=1)
     corners[:, 2] += 9e4 * unit * np.array([0, 1, -1])
     assert np.all(corners.sum(axis=2) == 1)
-    found = source_pieces.enclose_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
+    block = source_pieces.enclose_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
     worst = 0.0
-    for k, known in enumerate(np.sqrt(found.remainder_squares / found.outer_area)):
-        c, *slopes = (Fraction(float(each)) for each in found.c[:3, k])
+    for k, expected in enumerate(np.sqrt(block.remainder_squares / block.outer_area)):
+        c, *slopes = [Fraction(float(coefficient)) for coefficient in block.c[:3, k]]
         at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
-        for p, weights in zip(at_corners, found.corners[k].tolist(), strict=True):
-            exact = sum(Fraction(b) * Fraction(each) for b, each in zip(weights, of_mesh, strict=True))
-            assert abs(p - exact) <= known
+        for p, weights in zip(at_corners, block.corners[k].tolist(), strict=True):
+            exact = sum(
+                Fraction(b) * Fraction(value) for b, value in zip(weights, corner_values, strict=True)
+            )
+            assert abs(p - exact) <= expected
             worst = max(worst, float(abs(p - exact)))
     assert worst > 1e-12
 
 
 def test_the_rounding_of_sums_over_p_is_known():
     """Of its means with hats, against rational numbers."""
-    of = monomial_basis(2, SOURCE_DEGREE)
+    basis = monomial_basis(2, SOURCE_DEGREE)
     rng = np.random.default_rng(1)
-    c = rng.standard_normal((len(of.degrees), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
+    c = rng.standard_normal((len(basis.degrees), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
     zero = np.zeros(c.shape[1])
-    known = source_pieces._remainder_bound(TaylorModel(of, c, zero, (zero, zero)))
+    known_remainder_bound = source_pieces._remainder_bound(TaylorModel(basis, c, zero, (zero, zero)))
     _, x, y = HATS
-    monomials = [(2 * x - 1) ** i * (2 * y - 1) ** j for i, j in of.exponents.tolist()]
-    off = []
+    monomials = [(2 * x - 1) ** i * (2 * y - 1) ** j for i, j in basis.exponents.tolist()]
+    displaced = []
     for hat, values in zip(HATS, hat_means() @ c, strict=True):
-        weights = [mean(hat * each) for each in monomials]
-        for found, column, at_most in zip(values, c.T.tolist(), known, strict=True):
-            exact = sum(w * Rational(each) for w, each in zip(weights, column, strict=True))
-            off.append(abs(Rational(float(found)) - exact) / Rational(float(at_most)))
-    assert 1e-3 < max(off) <= 1
+        weights = [mean(hat * monomial) for monomial in monomials]
+        for value, column, at_most in zip(values, c.T.tolist(), known_remainder_bound, strict=True):
+            exact = sum(w * Rational(item) for w, item in zip(weights, column, strict=True))
+            displaced.append(abs(Rational(float(value)) - exact) / Rational(float(at_most)))
+    assert 1e-3 < max(displaced) <= 1
 
 
 def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
@@ -84,39 +86,41 @@ def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     assert (level < 0).any()
 
 
-def test_two_jumps_that_are_wrong_at_once():
+def test_the_bound_counts_two_jumps_that_are_wrong_at_once():
     """f is 1 in both of two discs that are nearly the same, on a small triangle that their arcs cross.
 
     In pieces beside the chords p is 0, and each step alone changes nothing; ||f - p|| by points of a grid.
     """
     near = "pos(1/16 - (x - 1/2 - 1/{})**2 - (y - 1/2)**2, 0)"
-    of = Source(f"{near.format(10**9)}*{near.format(10**5)}")
+    source = Source(f"{near.format(10**9)}*{near.format(10**5)}")
     triangle = np.array([[0.74, 0.49], [0.76, 0.49], [0.75, 0.51]])
     mesh = meshes.from_arrays(Polygon(triangle, "small"), triangle, [[0, 1, 2]])
-    found, _ = source_pieces.enclose_pieces(mesh, np.eye(3)[None], np.zeros(1, dtype=int), of)
+    pieces, _ = source_pieces.enclose_pieces(mesh, np.eye(3)[None], np.zeros(1, dtype=int), source)
     u = (np.stack(np.meshgrid(*2 * [np.arange(1000)]), axis=-1).reshape(-1, 2) + 0.5) / 1000
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
     hats = np.column_stack([1 - u.sum(axis=1), u])
-    values = (of.value(*(hats @ corners @ triangle).T)[0] for corners in found.corners)  # a piece at a time
-    squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
-    norms = np.sqrt(squares * found.area)
-    areas = found.area
-    assert np.all(norms <= np.sqrt(found.remainder_squares) + found.jump_norm + 1e-3 * np.sqrt(areas))
-    assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))
+    values = (
+        source.value(*(hats @ corners @ triangle).T)[0] for corners in pieces.corners
+    )  # a piece at a time
+    squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, pieces.c[0], strict=True)])
+    norms = np.sqrt(squares * pieces.area)
+    areas = pieces.area
+    assert np.all(norms <= np.sqrt(pieces.remainder_squares) + pieces.jump_norm + 1e-3 * np.sqrt(areas))
+    assert np.any((norms > 3e-3 * np.sqrt(areas)) & (pieces.c[0] == 0))
 
 
-def test_areas_in_a_disc():
+def test_areas_in_a_disc_are_those_by_sums_over_points():
     """Of random triangles, against sums over 250000 points; of one that holds the disc and one inside it."""
     rng = np.random.default_rng(1)
     vertices = rng.uniform(-1.5, 1.5, (40, 3, 2))
-    found = area_in_disc(vertices, 0.8)
+    areas = area_in_disc(vertices, 0.8)
     u = rng.random((250_000, 2))
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
-    for triangle, area in zip(vertices, found, strict=True):
+    for triangle, area in zip(vertices, areas, strict=True):
         edges = triangle[1:] - triangle[0]
         points = triangle[0] + u @ edges
-        whole = 0.5 * abs(np.linalg.det(edges))
-        assert area == pytest.approx(whole * np.mean(np.hypot(*points.T) < 0.8), abs=4e-3 * whole + 1e-12)
+        full = 0.5 * abs(np.linalg.det(edges))
+        assert area == pytest.approx(full * np.mean(np.hypot(*points.T) < 0.8), abs=4e-3 * full + 1e-12)
     shape = np.array([[[-1, -1], [1, -1], [0, 1.0]]])
     assert area_in_disc(10 * shape, 0.8) == pytest.approx(np.pi * 0.64, rel=1e-13)
     assert area_in_disc(0.1 * shape, 0.8) == pytest.approx(0.02, rel=1e-13)
@@ -145,8 +149,8 @@ def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
     assert np.hypot(*corners.mean(axis=0)) == 1
     mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
     for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
-        found = enclose_function(mesh, Source(text))
-        assert found.moments().sum() == pytest.approx(0.000125569401688, abs=1e-13)
+        enclosure = enclose_function(mesh, Source(text))
+        assert enclosure.moments().sum() == pytest.approx(0.000125569401688, abs=1e-13)
 
 
 def test_pieces_count_for_the_gaps_between_them():
@@ -165,7 +169,7 @@ SLOPE = 50
 CORNERS = np.array([[0.98, -0.03], [1.02, -0.02], [0.99, 0.05]])
 
 
-def in_the_disc(y):
+def integrate_in_disc(y):
     """The integral of 1 + SLOPE x along y in the triangle with CORNERS and the unit disc."""
     ends = []
     for a, b in zip(CORNERS, np.roll(CORNERS, -1, axis=0), strict=True):
@@ -183,8 +187,8 @@ def test_slivers_between_chords_and_a_circle_count_in_the_integral():
     The jump is not constant along the circle, so that the slivers' share is known up to its variation only.
     """
     mesh = meshes.from_arrays(Polygon(CORNERS, "triangle"), CORNERS, [[0, 1, 2]])
-    found = enclose_function(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
+    enclosure = enclose_function(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
     cuts = np.linspace(-0.03, 0.05, 401)
-    exact = sum(quad(in_the_disc, a, b, epsabs=1e-16)[0] for a, b in pairwise(cuts))
-    away = abs(exact - found.moments().sum())
-    assert 1e-12 < away <= found.remainder[0] * np.sqrt(mesh.areas[0])
+    exact = sum(quad(integrate_in_disc, a, b, epsabs=1e-16)[0] for a, b in pairwise(cuts))
+    away = abs(exact - enclosure.moments().sum())
+    assert 1e-12 < away <= enclosure.remainder[0] * np.sqrt(mesh.areas[0])

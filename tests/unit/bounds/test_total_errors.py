@@ -32,14 +32,14 @@ class Parts:
     space: Space
     form: Form
     misfit: np.ndarray
-    others: np.ndarray
+    remainder_load: np.ndarray
 
-    def _replace(self, s_prime=math.inf, **others):
+    def _replace(self, s_prime=math.inf, **changes):
         assert np.all(np.isinf(s_prime))
-        return replace(self, **others)
+        return replace(self, **changes)
 
     def functional(self):
-        return self.space.G.T @ self.misfit + self.others
+        return self.space.G.T @ self.misfit + self.remainder_load
 
     def dual_norms(self):
         A = self.space.matrix(self.form)
@@ -78,12 +78,14 @@ def exact(A, load, u_D, g, clamped):
     """The solution of the variational inequality, by trying all sets in contact, and its multiplier."""
     for number in range(4):
         active = CONTACT[[bool(number & 1), bool(number & 2)]]
-        known = np.concatenate([clamped, active])
+        expected = np.concatenate([clamped, active])
         u = np.zeros(N)
         u[clamped] = u_D
         u[active] = g[active - CONTACT[0]]
-        rest = np.setdiff1d(np.arange(N), known)
-        u[rest] = np.linalg.solve(A[np.ix_(rest, rest)], load[rest] - A[np.ix_(rest, known)] @ u[known])
+        remaining = np.setdiff1d(np.arange(N), expected)
+        u[remaining] = np.linalg.solve(
+            A[np.ix_(remaining, remaining)], load[remaining] - A[np.ix_(remaining, expected)] @ u[expected]
+        )
         multiplier = A @ u - load
         if np.all(u[CONTACT] >= g - 1e-10) and np.all(multiplier[CONTACT] >= -1e-10):
             return u, multiplier
@@ -116,21 +118,21 @@ class Trial:
         q = self.form.k * space.G @ (self.u + near * rng.normal(size=N))
         same = rng.random() < 0.3
 
-        def lifted(v, more):
+        def lift_v(v, extra):
             """v, moved to u_D, and to g and above."""
-            v = v + more
+            v = v + extra
             v[space.clamped] = u_D
             v[CONTACT] = np.maximum(v[CONTACT], g)
             return v
 
         def residual(v):
             misfit = q - self.form.k * space.G @ v
-            others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
-            return Parts(space, self.form, misfit, others)
+            remainder_load = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
+            return Parts(space, self.form, misfit, remainder_load)
 
-        v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
+        v = lift_v(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
         self.u_h = v if same else self.u + near * rng.normal(size=N)
-        feasible = lifted(self.u_h, 0.1 * near * rng.normal(size=N) * (not same and rng.random() < 0.5))
+        feasible = lift_v(self.u_h, 0.1 * near * rng.normal(size=N) * (not same and rng.random() < 0.5))
         if same:
             q = self.form.k * space.G @ v
             self.sigma[CONTACT] *= v[CONTACT] <= g
@@ -138,18 +140,23 @@ class Trial:
         slack_of_v = float(self.sigma[CONTACT] @ (v[CONTACT] - g))
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
-        self.parts_of_v = residual(v)
-        self.of_u = bound_residual(residual(self.u_h), 0.0, slack)
-        self.of_v = bound_residual(self.parts_of_v, 0.0, slack_of_v)
+        self.v_residual_parts = residual(v)
+        self.u_residual = bound_residual(residual(self.u_h), 0.0, slack)
+        self.v_residual = bound_residual(self.v_residual_parts, 0.0, slack_of_v)
         self.D = math.sqrt(y @ A @ y)
         self.D_clamped = math.sqrt(y_D @ A @ y_D)
         self.gap = float((v[CONTACT] - g).min())
         self.v = v
 
-    def bounds(self, **others):
-        given = {"u_residual": self.of_u, "v_residual": self.of_v, "D": self.D, "D_clamped": self.D_clamped}
-        given |= others
-        return bound_total_errors(1.0, **given, sigma_distance=0.0)
+    def bounds(self, **changes):
+        arguments = {
+            "u_residual": self.u_residual,
+            "v_residual": self.v_residual,
+            "D": self.D,
+            "D_clamped": self.D_clamped,
+        }
+        arguments |= changes
+        return bound_total_errors(1.0, **arguments, sigma_distance=0.0)
 
     def errors(self):
         """X, Y on V, the norm of j in N, and the largest gamma <lambda, w>."""
@@ -169,14 +176,14 @@ def trials():
 
 def violations(trials, bounds=Trial.bounds):
     """(4,) how often u, lambda_, fluxes and product are below the error, by more than rounding."""
-    found = np.zeros(4, dtype=int)
+    values = np.zeros(4, dtype=int)
     for trial in trials:
         result = bounds(trial)
         energy = 1 + trial.u @ trial.A @ trial.u
         stated = np.array([result.u, result.lambda_, result.reaction_bound, result.gamma_force_bound])
         rounding = 1e-9 * np.array([math.sqrt(energy)] * 3 + [energy])
-        found += trial.errors() > stated + rounding
-    return found
+        values += trial.errors() > stated + rounding
+    return values
 
 
 def test_no_error_is_larger_than_its_bound(trials):
@@ -185,14 +192,16 @@ def test_no_error_is_larger_than_its_bound(trials):
     assert all(np.all(np.isfinite(trial.bounds())) for trial in trials)
 
 
-def without_slack(trial):
-    return trial.bounds(u_residual=trial.of_u._replace(B=0.0), v_residual=trial.of_v._replace(B=0.0))
+def drop_slack(trial):
+    return trial.bounds(
+        u_residual=trial.u_residual._replace(B=0.0), v_residual=trial.v_residual._replace(B=0.0)
+    )
 
 
 @pytest.mark.parametrize(
     ("bounds", "wrong"),
     [
-        (without_slack, [True, True, True, True]),
+        (drop_slack, [True, True, True, True]),
         (lambda trial: trial.bounds(D=0.0), [True, True, True, False]),
         (lambda trial: trial.bounds(D_clamped=0.0), [True, False, False, False]),
     ],
@@ -203,19 +212,21 @@ def test_no_term_can_be_left_out(trials, bounds, wrong):
     assert np.array_equal(violations(trials, bounds) > 0, wrong)
 
 
-@pytest.mark.parametrize(("known", "wrong"), [(True, False), (False, True)])
-def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
+@pytest.mark.parametrize(("field", "wrong"), [(True, False), (False, True)])
+def test_of_a_part_of_v_the_norm_is_enough(trials, field, wrong):
     """v is a function without a residual on V, plus one of which the norm is known, or not even that."""
 
     def bounds(trial):
-        own = trial.parts_of_v
+        original = trial.v_residual_parts
         V = trial.space.V
         w = np.zeros(N)
-        w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], own.functional()[V])
-        misfit = own.misfit + trial.form.k * trial.space.G @ w
-        parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
-        missing = known * math.sqrt(w @ trial.A @ w)
-        return trial.bounds(v_residual=bound_residual(parts, missing, trial.of_v.B))
+        w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], original.functional()[V])
+        misfit = original.misfit + trial.form.k * trial.space.G @ w
+        components = replace(
+            original, misfit=misfit, remainder_load=original.remainder_load + trial.form.c * trial.space.M @ w
+        )
+        missing = field * math.sqrt(w @ trial.A @ w)
+        return trial.bounds(v_residual=bound_residual(components, missing, trial.v_residual.B))
 
     assert violations(trials, bounds).any() == wrong
 
@@ -224,28 +235,31 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     """Norms by the growth, products by its square; and lambda_H - sigma counts for lambda_H."""
     trial = trials[1]
     before = np.array(trial.bounds())
-    given = trial.of_u, trial.of_v, trial.D, trial.D_clamped
-    grown = bound_total_errors(1.5, *given, sigma_distance=0.0)
+    grown = bound_total_errors(
+        1.5, trial.u_residual, trial.v_residual, trial.D, trial.D_clamped, sigma_distance=0.0
+    )
     assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
-    after = bound_total_errors(1.5, *given, sigma_distance=2.0)
+    after = bound_total_errors(
+        1.5, trial.u_residual, trial.v_residual, trial.D, trial.D_clamped, sigma_distance=2.0
+    )
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
 
 
-@pytest.mark.parametrize("known", ["S_1", "S"])
-def test_without_a_useful_v_the_multiplier_is_bounded_by_that_of_u(known):
+@pytest.mark.parametrize("field", ["S_1", "S"])
+def test_without_a_useful_v_the_multiplier_is_bounded_by_that_of_u(field):
     """Y <= D + (S^2 + 2 B + D^2)^{1/2}: 2 + 7 for S = 3, B = 18, D = 2, on H^1 or on V."""
     useless = ResidualBounds(*[math.inf] * 5, missing_norm=0.0, B=0.0)
-    of_u = useless._replace(**{known: 3.0}, B=18.0)
-    errors = bound_total_errors(1.0, of_u, useless, D=2.0, D_clamped=0.0, sigma_distance=0.0)
+    u = useless._replace(**{field: 3.0}, B=18.0)
+    errors = bound_total_errors(1.0, u, useless, D=2.0, D_clamped=0.0, sigma_distance=0.0)
     assert errors.lambda_ == pytest.approx(9, rel=1e-8)
 
 
 def test_a_small_residual_is_not_lost_beside_y():
     """X^2 = S^2 + D^2 - (D - eta)^2 with 50 digits: D = 1, S = 1e-6, eta from 1e-3 to 1e-15."""
     for eta in (1e-3, 1e-9, 1e-12, 1e-15):
-        of_u = ResidualBounds(1e-6, 1e-6, math.inf, math.inf, math.inf, missing_norm=0.0, B=0.0)
-        of_v = of_u._replace(S_1=eta, S=eta)
-        X = bound_total_errors(1.0, of_u, of_v, D=1.0, D_clamped=0.0, sigma_distance=0.0).u
+        u = ResidualBounds(1e-6, 1e-6, math.inf, math.inf, math.inf, missing_norm=0.0, B=0.0)
+        v = u._replace(S_1=eta, S=eta)
+        X = bound_total_errors(1.0, u, v, D=1.0, D_clamped=0.0, sigma_distance=0.0).u
         with mpmath.workdps(50):
             exact = mpmath.sqrt(mpmath.mpf(1e-6) ** 2 + 1 - (1 - mpmath.mpf(eta)) ** 2)
             assert exact <= X <= exact * (1 + 1e-8)

@@ -89,12 +89,18 @@ def edge_values(triangles, points, field):
             last = triangle[j]
             if (last, first) not in mentioned:
                 mentioned.add((first, last))
-                ends = points[first], points[last]
-                dx, dy = (q - p for p, q in zip(*ends, strict=True))
-                middle = tuple((p + q) / 2 for p, q in zip(*ends, strict=True))
-                a, m, b = (
-                    x * dy - y * dx for x, y in (field(*point) for point in (ends[0], middle, ends[1]))
-                )
+                start_x, start_y = points[first]
+                end_x, end_y = points[last]
+                dx = end_x - start_x
+                dy = end_y - start_y
+
+                def normal_flux(x, y, dx=dx, dy=dy):
+                    flux_x, flux_y = field(x, y)
+                    return flux_x * dy - flux_y * dx
+
+                a = normal_flux(start_x, start_y)
+                m = normal_flux((start_x + end_x) / 2, (start_y + end_y) / 2)
+                b = normal_flux(end_x, end_y)
                 mean = Fraction(a + 4 * m + b) / 6
                 values += [float(mean - Fraction(b - a) / 2), float(mean + Fraction(b - a) / 2)]
     return values

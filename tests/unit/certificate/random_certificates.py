@@ -27,10 +27,11 @@ def cut_ears(random, nodes, ring):
         ears = []
         for n in range(len(ring)):
             triangle = [ring[n - 1], ring[n], ring[(n + 1) % len(ring)]]
-            a, b, c = (nodes[i] for i in triangle)
-            others = [nodes[i] for i in ring if i not in triangle]
+            a, b, c = [nodes[i] for i in triangle]
+            other_nodes = [nodes[i] for i in ring if i not in triangle]
             crossed = any(
-                min(doubled_area(a, b, z), doubled_area(b, c, z), doubled_area(c, a, z)) >= 0 for z in others
+                min(doubled_area(a, b, z), doubled_area(b, c, z), doubled_area(c, a, z)) >= 0
+                for z in other_nodes
             )
             if doubled_area(a, b, c) > 0 and not crossed:
                 ears.append((n, triangle))
@@ -83,7 +84,7 @@ def random_certificate(seed):
     if with_field:
         kinds[1:] = "clamped", "clamped"
     u_D = random_polynomial(random)
-    data = {
+    draw_data = {
         "contact": lambda: random_polynomial(random, below=500),  # less than every trace below
         "free": lambda: random_polynomial(random),
         "clamped": lambda: u_D,
@@ -93,7 +94,7 @@ def random_certificate(seed):
         "k": str(Fraction(random.randint(1, 50), random.randint(1, 50))),
         "c": "0" if with_field and random.random() < 0.5 else str(Fraction(random.randint(1, 50), 7)),
         "f": random_polynomial(random),
-        "sides": [{kind: data[kind]()} for kind in kinds],
+        "sides": [{kind: draw_data[kind]()} for kind in kinds],
     }
     powers = (*POWERS, TINY) if with_field else POWERS
     problem["c"] = str(Fraction(problem["c"]) * Fraction(10) ** random.choice(powers))

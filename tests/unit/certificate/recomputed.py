@@ -47,7 +47,7 @@ def divergence(p):
 
 
 def square(p):
-    return total(*[product(part, part) for part in p])
+    return total(*[product(component, component) for component in p])
 
 
 def value(z, point):
@@ -200,15 +200,15 @@ class Recomputed:
     def lift(self, triangle, hats):
         """y by the six quadratic shape functions: psi (2 psi - 1) at corners and 4 psi psi' at midpoints."""
         v = [Fraction(z) for z in self.stated["v"]]
-        at = {i: self.trace.get(i, v[i]) - v[i] for i in triangle}
+        difference = {i: self.trace.get(i, v[i]) - v[i] for i in triangle}
         y = {}
         for m, (i, j) in enumerate(EDGES):
             a = triangle[i]
             b = triangle[j]
-            linear = (at[a] + at[b]) / 2
+            linear = (difference[a] + difference[b]) / 2
             at_middle = self.trace[a, b] - (v[a] + v[b]) / 2 if (a, b) in self.trace else linear
             corner_shape = total(times(2, product(hats[m], hats[m])), times(-1, hats[m]))
-            y = total(y, times(at[triangle[m]], corner_shape))
+            y = total(y, times(difference[triangle[m]], corner_shape))
             y = total(y, times(4 * at_middle, product(hats[i], hats[j])))
         return y
 
@@ -222,12 +222,12 @@ class Recomputed:
         rho = total(self.f, divergence(p), times(-self.c, z))
         area = integral(ONE, corners)
         mean = integral(rho, corners) / area
-        rest = total(rho, times(-mean, ONE))
+        remaining = total(rho, times(-mean, ONE))
         diameter = decimal(max(length2(corners[i], corners[j]) for i, j in EDGES)).sqrt()
         b = diameter / J
         ratio = decimal(self.c / self.k)
         m = decimal(integral(square(misfit), corners)).sqrt()
-        o = decimal(integral(product(rest, rest), corners)).sqrt()
+        o = decimal(integral(product(remaining, remaining), corners)).sqrt()
         theta = (o - ratio * b * m) / (o * (1 + ratio * b**2)) if o else Decimal(0)
         theta = max((theta * 2**20).to_integral_value(), Decimal(0)) / 2**20
         A2 = (m + theta * b * o) ** 2
@@ -235,11 +235,11 @@ class Recomputed:
         if self.c == 0:
             return A2, M2, Decimal(0)
         energy2 = A2 / decimal(self.k) + M2 / decimal(self.c)
-        by_parts2 = self.by_parts(z, p, corners)
+        by_parts2 = self.bound_by_parts(z, p, corners)
         self.is_by_parts.append(by_parts2 < energy2)
         return A2, M2, min(energy2, by_parts2)
 
-    def by_parts(self, z, p, corners):
+    def bound_by_parts(self, z, p, corners):
         """(||f - c z||/c^(1/2) + G a)^2 on a triangle; infinite if z is not linear, or c d^2 <= k.
 
         G^2 is the larger root of k c x^2 - k x = R^2/4: the largest (s^2 + R s t)/(c s^2 + k t^2).
@@ -250,7 +250,7 @@ class Recomputed:
         k = decimal(self.k)
         c = decimal(self.c)
         area = integral(ONE, corners)
-        rest = total(self.f, times(-self.c, z))
+        remaining = total(self.f, times(-self.c, z))
         field = [total(p[axis], times(-self.k, gradient(z)[axis])) for axis in (0, 1)]
         weights = []
         for i, j in EDGES:
@@ -259,7 +259,7 @@ class Recomputed:
             b = corners[j]
             X = {(0, 0): a[0], (1, 0): b[0] - a[0]}
             Y = {(0, 0): a[1], (1, 0): b[1] - a[1]}
-            through = total(*[times(n, part) for n, part in zip(normal(a, b), field, strict=True)])
+            through = total(*[times(n, component) for n, component in zip(normal(a, b), field, strict=True)])
             density = square([substitute(through, X, Y)])
             weights.append(decimal(sum(q / (power + 1) for (power, _), q in density.items()) / area).sqrt())
         a = sum(weights)
@@ -268,7 +268,7 @@ class Recomputed:
         centre = [sum(weight * point[axis] for weight, point in pairs) / a for axis in (0, 1)]
         R2 = max(length2(point, centre) for point in points)
         G = ((k + (k**2 + k * c * R2).sqrt()) / (2 * k * c)).sqrt()
-        return (decimal(integral(product(rest, rest), corners) / self.c).sqrt() + G * a) ** 2
+        return (decimal(integral(product(remaining, remaining), corners) / self.c).sqrt() + G * a) ** 2
 
     def bounds(self):
         k = decimal(self.k)
@@ -286,8 +286,8 @@ class Recomputed:
             )
             y = self.lift(triangle, hats)
             D2 += self.k * integral(square(gradient(y)), corners) + self.c * integral(product(y, y), corners)
-            here = self.residual(v, p, corners) + self.residual(total(v, y), p, corners)
-            sums = [old + new for old, new in zip(sums, here, strict=True)]
+            position = self.residual(v, p, corners) + self.residual(total(v, y), p, corners)
+            sums = [old + new for old, new in zip(sums, position, strict=True)]
             if field:
                 b = self.vector_field("field", triangle, hats)
                 b2 = max(b2, *[value(square(b), corner) for corner in corners])
@@ -314,18 +314,17 @@ class Recomputed:
         """<p.n, v + y - g>, integrated over s in [0, 1] along each edge."""
         B = Fraction(0)
         s = {(1, 0): Fraction(1)}
-        rest = {(0, 0): Fraction(1), (1, 0): Fraction(-1)}
+        remaining = {(0, 0): Fraction(1), (1, 0): Fraction(-1)}
         for i, j, g, (first, last) in self.edges_of("contact"):
             trace = total(
-                times(self.trace[i], product(rest, total(rest, times(-1, s)))),
-                times(4 * self.trace[i, j], product(s, rest)),
-                times(self.trace[j], product(s, total(s, times(-1, rest)))),
+                times(self.trace[i], product(remaining, total(remaining, times(-1, s)))),
+                times(4 * self.trace[i, j], product(s, remaining)),
+                times(self.trace[j], product(s, total(s, times(-1, remaining)))),
             )
-            X, Y = (
-                total(times(a, rest), times(b, s)) for a, b in zip(self.nodes[i], self.nodes[j], strict=True)
-            )
+            X = total(times(self.nodes[i][0], remaining), times(self.nodes[j][0], s))
+            Y = total(times(self.nodes[i][1], remaining), times(self.nodes[j][1], s))
             gap = total(trace, times(-1, substitute(g, X, Y)))
-            density = product(total(times(first, rest), times(last, s)), gap)
+            density = product(total(times(first, remaining), times(last, s)), gap)
             B += sum((c / (power + 1) for (power, _), c in density.items()), Fraction(0))
         return B
 
@@ -344,6 +343,8 @@ class Recomputed:
             ends = value(t, a), value(t, b)
             bernstein = ends[0], 2 * value(t, middle(a, b)) - sum(ends) / 2, ends[1]
             flux = first, (first + last) / 2, last
-            off = max(abs(decimal(z) - decimal(q) / length) for z, q in zip(bernstein, flux, strict=True))
-            flux2 += 3 * length / decimal(integral(ONE, corners)) * length * off**2
+            displaced = max(
+                abs(decimal(z) - decimal(q) / length) for z, q in zip(bernstein, flux, strict=True)
+            )
+            flux2 += 3 * length / decimal(integral(ONE, corners)) * length * displaced**2
         return (flux2 * (C**2 + decimal(d2).sqrt() * C / decimal(self.k).sqrt())).sqrt()

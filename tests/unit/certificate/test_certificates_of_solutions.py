@@ -46,7 +46,7 @@ def example(name, **sizes):
     return ul.solve(ul.load(ROOT / f"examples/{name}.yaml"), **sizes)
 
 
-def on_own_mesh():
+def pose_on_moved_mesh():
     """Nodes inside are moved at random by at most a quarter of h."""
     mesh = make_structured_mesh(square(), 1 / 8)
     points = mesh.points.copy()
@@ -56,23 +56,23 @@ def on_own_mesh():
     return ul.solve(problem, mesh=ul.mesh(points, mesh.triangles), H=1 / 4)
 
 
-def on_a_mesh_without_order():
+def pose_on_shuffled_mesh():
     """The nodes are numbered at random, and sides are slanted."""
     mesh = ul.solve(ul.Problem(KITE, f=-1, g=0), h=0.1, H=0.2, mesh="unstructured").mesh
     number = np.random.default_rng(4).permutation(mesh.n_nodes)
     points = np.empty_like(mesh.points)
     points[number] = mesh.points
-    own = ul.mesh(points, number[mesh.triangles])
-    return ul.solve(ul.Problem(own.polygon, f="3*x - 5", g="(x - 1)*(2 - x)/8"), mesh=own, H=0.2)
+    original = ul.mesh(points, number[mesh.triangles])
+    return ul.solve(ul.Problem(original.polygon, f="3*x - 5", g="(x - 1)*(2 - x)/8"), mesh=original, H=0.2)
 
 
-def with_flux():
+def pose_with_flux():
     """k and c are not 1, and a flux is given on a slanted side."""
     fields = {"free_sides": [1], "q": [None, "x - 2*y", None, None], "k": 2.5, "c": "1/7"}
     return ul.solve(ul.Problem(KITE, f="x**2 - 4", g="(x - 1)*(2 - x)/8", **fields), accuracy=0.05)
 
 
-def without_reaction():
+def pose_without_reaction():
     """u is given on a slanted side, and k is not 1."""
     fields = {"u": {1: "x*y/5 + 1"}, "k": 3, "c": 0}
     return ul.solve(ul.Problem(KITE, f="x - 30", g="-x/9 - 1/10", **fields), h=1 / 32, H=1 / 16)
@@ -100,10 +100,10 @@ SOLUTIONS = {
     "clamped": clamped_above_the_obstacle,
     "small k": lambda: coefficients("1/1000", 1, 1, 1 / 32),
     "large k": lambda: coefficients(10**5, 1000, 10**5, 1 / 16),
-    "own mesh": on_own_mesh,
-    "mesh without order": on_a_mesh_without_order,
-    "flux": with_flux,
-    "without reaction": without_reaction,
+    "own mesh": pose_on_moved_mesh,
+    "mesh without order": pose_on_shuffled_mesh,
+    "flux": pose_with_flux,
+    "without reaction": pose_without_reaction,
 }
 
 
@@ -138,7 +138,7 @@ def flux_into_a_layer():
     return ul.solve(ul.Problem(KITE, f="1e6*(x - 4)", g="x - 9/2", **fields), h=1 / 16, H=1 / 8)
 
 
-def with_formula(ratio):
+def pose_with_formula(ratio):
     """u = g = 2 x^2 + 2 y^2 - 2 x - 2 y + sin(x) y/3, so f is no polynomial."""
     u = "2*x**2 + 2*y**2 - 2*x - 2*y + sin(x)*y/3"
     problem = ul.Problem(SQUARE, f=f"{ratio!r}*({u}) - 8 + sin(x)*y/3", g=u, c=repr(ratio))
@@ -158,8 +158,8 @@ EXTREMES = {
     "time step": time_step,
     "slanted": slanted_with_layers,
     "flux": flux_into_a_layer,
-    "formula, 1e-2": lambda: with_formula(1e-2),
-    "formula, 1e8": lambda: with_formula(1e8),
+    "formula, 1e-2": lambda: pose_with_formula(1e-2),
+    "formula, 1e8": lambda: pose_with_formula(1e8),
 }
 """Problems with c/k from 1e-30 to 1e16, and their solutions."""
 REST_OF_FORMULA = {
@@ -188,18 +188,18 @@ class Checked(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def checked(tmp_path_factory):
+def check_certificate(tmp_path_factory):
     folder = tmp_path_factory.mktemp("certificates")
 
     @cache
-    def checked(name):
+    def check_certificate(name):
         solution = (SOLUTIONS | EXTREMES)[name]()
         path = folder / f"{name}.json.gz"
         solution.save_certificate(path)
         stated = json.loads(gzip.decompress(path.read_bytes()))
         return Checked(solution, stated, *bounds_of(stated))
 
-    return checked
+    return check_certificate
 
 
 def bounds_of(stated):
@@ -209,10 +209,10 @@ def bounds_of(stated):
 
 
 @pytest.mark.parametrize("name", SOLUTIONS)
-def test_the_bounds_are_those_of_the_project(name, checked):
+def test_the_bounds_are_those_of_the_project(name, check_certificate):
     """At most 3 % apart, for these problems have little oscillation."""
-    proved = checked(name)
-    bounds = checked(name).solution.bounds
+    proved = check_certificate(name)
+    bounds = check_certificate(name).solution.bounds
     assert float(proved.u) == pytest.approx(bounds.u, rel=0.03)
     assert proved.multiplier <= 1.03 * bounds.multiplier
     assert proved.multiplier >= 0.97 * bounds.multiplier or name in CELLS_CUT_EDGES
@@ -229,23 +229,23 @@ def test_a_problem_without_contact_has_a_certificate(tmp_path):
 
 
 @pytest.mark.parametrize("name", PROVED)
-def test_the_check_proves_the_numbers_of_the_project(name, checked):
+def test_the_check_proves_the_numbers_of_the_project(name, check_certificate):
     """Up to 1e-4 of them, which leaves room for other polynomials in the place of f and g."""
-    proved = checked(name)
-    bounds = checked(name).solution.bounds
+    proved = check_certificate(name)
+    bounds = check_certificate(name).solution.bounds
     assert proved.u <= 1.0001 * bounds.u
     assert proved.multiplier <= 1.0001 * bounds.multiplier
 
 
 @pytest.mark.parametrize("name", EXTREMES)
-def test_so_it_does_for_all_ratios_of_c_and_k(name, checked):
+def test_the_check_proves_the_numbers_for_all_ratios_of_c_and_k(name, check_certificate):
     """The multiplier of layers is bounded by less than what the project says."""
-    proved = checked(name)
-    bounds = checked(name).solution.bounds
-    more = REST_OF_FORMULA.get(name, 0)
-    assert 0.97 * bounds.u <= proved.u <= 1.0001 * bounds.u + more
+    proved = check_certificate(name)
+    bounds = check_certificate(name).solution.bounds
+    extra = REST_OF_FORMULA.get(name, 0)
+    assert 0.97 * bounds.u <= proved.u <= 1.0001 * bounds.u + extra
     if not name.startswith("clamped"):
-        assert proved.multiplier <= 1.0001 * bounds.multiplier + more
+        assert proved.multiplier <= 1.0001 * bounds.multiplier + extra
 
 
 @pytest.mark.parametrize(
@@ -257,14 +257,14 @@ def test_so_it_does_for_all_ratios_of_c_and_k(name, checked):
     ],
     ids=["by parts", "C from the field", "S with C"],
 )
-def test_it_needs_each_of_its_bounds(name, text, replacement, checked):
+def test_the_check_needs_each_of_its_bounds(name, text, replacement, check_certificate):
     """Control: a layer needs the bound by parts, and a tiny c the constant of the field."""
-    u, _ = checker((text, replacement)).Certificate(checked(name).stated).bounds()
-    assert u > 2 * checked(name).solution.bounds.u
+    u, _ = checker((text, replacement)).Certificate(check_certificate(name).stated).bounds()
+    assert u > 2 * check_certificate(name).solution.bounds.u
 
 
 @pytest.mark.parametrize("name", POLYGONS)
-def test_so_it_does_on_polygons_where_nodes_are_rounded(name, tmp_path):
+def test_the_check_proves_the_numbers_where_nodes_are_rounded(name, tmp_path):
     """u = x is linear: the bounds are what rounding may do, and the field for c = 0 has little room."""
     mesh = POLYGONS[name]()
     path = tmp_path / "linear.json"
@@ -275,10 +275,12 @@ def test_so_it_does_on_polygons_where_nodes_are_rounded(name, tmp_path):
     assert 0 < u <= solution.bounds.u
 
 
-def test_another_flux_has_another_bound(checked):
+def test_another_flux_has_another_bound(check_certificate):
     """Control: 3 % are few."""
-    stated = checked("own mesh").stated | {"flux": [0.9 * z for z in checked("own mesh").stated["flux"]]}
-    assert bounds_of(stated)[0] > 1.03 * checked("own mesh").solution.bounds.u
+    stated = check_certificate("own mesh").stated | {
+        "flux": [0.9 * z for z in check_certificate("own mesh").stated["flux"]]
+    }
+    assert bounds_of(stated)[0] > 1.03 * check_certificate("own mesh").solution.bounds.u
 
 
 def interpreters():

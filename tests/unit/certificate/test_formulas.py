@@ -80,8 +80,8 @@ def random_triangles(rng, sizes=(1, 0.1, 0.01, 0.001), distances=(0, 0.3, 3, 25)
             while True:
                 shifts = [(rng.uniform(-size, size), rng.uniform(-size, size)) for _ in range(3)]
                 corners = [(int(D * (distance + x)), int(D * (y - distance / 2))) for x, y in shifts]
-                (ax, ay), (bx, by), (cx, cy) = corners
-                if (bx - ax) * (cy - ay) > (by - ay) * (cx - ax):
+                (ax, ay), (bx, b_y), (cx, cy) = corners
+                if (bx - ax) * (cy - ay) > (b_y - ay) * (cx - ax):
                     break
             yield corners, D
 
@@ -133,13 +133,13 @@ def count_outside(text, exact, points=6):
     edges = 0
     for corners, D in random_triangles(rng):
         values, unit, doubt = formula.on_triangle(doubled_with_midpoints(corners), 2 * D)
-        off = distance_in_mean_square(exact, corners, D, [Q(value, unit) for value in values])
-        triangles += off > doubt / unit
+        displaced_distance = distance_in_mean_square(exact, corners, D, [Q(value, unit) for value in values])
+        triangles += displaced_distance > doubt / unit
         ends = [[Q(z, D) for z in corner] for corner in corners[:2]]
         bounds = formula.on_edge(*ends)
         for _ in range(points):
             s = Q(rng.randrange(101), 100)
-            x, y = (a + s * (b - a) for a, b in zip(*ends, strict=True))
+            x, y = [a + s * (b - a) for a, b in zip(*ends, strict=True)]
             # Bernstein's polynomials are not negative: the ends of the coefficients give the bounds at s
             bernstein = ((1 - s) ** 2, 2 * s * (1 - s), s * s)
             lower = sum(b * z[0] for b, z in zip(bernstein, bounds, strict=True))
@@ -178,7 +178,7 @@ def test_remainders_at_one_point_only_do_not_suffice(monkeypatch):
 
 
 @pytest.mark.parametrize(("i", "j"), cf.ROOT_MEAN_SQUARES)
-def test_mean_squares_on_a_triangle(i, j):
+def test_mean_squares_on_a_triangle_are_those_of_sympy_rounded_up(i, j):
     """By sympy's integrals over the triangle: rounded up to four digits."""
     u = sympy.Symbol("xi") - sympy.Rational(1, 3)
     v = sympy.Symbol("eta") - sympy.Rational(1, 3)
@@ -312,12 +312,13 @@ def test_quadratic_polynomials_are_exact(text):
 
 
 def test_polynomials_are_exact_where_they_are_quadratic_along_an_edge():
-    upright = [Q(1, 3), Q(0)], [Q(1, 3), Q(1)]
-    slanted = [Q(1, 3), Q(0)], [Q(1, 2), Q(1)]
+    start = [Q(1, 3), Q(0)]
+    above_start = [Q(1, 3), Q(1)]
+    aside = [Q(1, 2), Q(1)]
     for text in ("x**3 + y", "(x + 1)**3 - x**3"):
-        assert all(lower == upper for lower, upper in cf.Formula(text).on_edge(*upright))
-    assert all(lower == upper for lower, upper in cf.Formula("(x + 1)**3 - x**3").on_edge(*slanted))
-    lower, upper = cf.Formula("x**3 + y").on_edge(*slanted)[1]
+        assert all(lower == upper for lower, upper in cf.Formula(text).on_edge(start, above_start))
+    assert all(lower == upper for lower, upper in cf.Formula("(x + 1)**3 - x**3").on_edge(start, aside))
+    lower, upper = cf.Formula("x**3 + y").on_edge(start, aside)[1]
     assert lower < upper
 
 
@@ -326,10 +327,11 @@ LISTS = [[], [[0, 0, "-2/3"]], [[1, 0, "1/2"], [1, 1, "-3"]], [[2, 1, "1"], [0, 
 
 @pytest.mark.parametrize("terms", LISTS, ids=str)
 def test_lists_of_terms_are_read_as_by_the_other_checker(terms):
-    edge = [Q(1, 3), Q(0)], [Q(1, 3), Q(1)]
+    start = [Q(1, 3), Q(0)]
+    end = [Q(1, 3), Q(1)]
     polynomial = cf.Polynomial(terms)
     formula = cf.Formula(terms)
-    assert formula.on_edge(*edge) == polynomial.on_edge(*edge)
+    assert formula.on_edge(start, end) == polynomial.on_edge(start, end)
     assert str(formula) == str(polynomial)
     points = doubled_with_midpoints(TRIANGLE)
     values, unit, doubt = formula.on_triangle(points, 6)
@@ -396,7 +398,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED, ids=lambda text: text[:20])
-def test_everything_else_is_refused_by_name(text):
+def test_formulas_beyond_the_grammar_are_refused_by_name(text):
     with pytest.raises(cf.Refused, match=re.escape(REFUSED[text])):
         cf.Formula(text)
 
@@ -440,14 +442,14 @@ def test_long_sums_are_read():
 
 
 @pytest.mark.parametrize(
-    ("part", "replacement"),
+    ("component", "replacement"),
     [
         ("math.ceil((1 - theta) ** 2 * o2), doubt2)", "math.ceil((1 - theta) ** 2 * o2), 0)"),
         ("add_up(rest2, doubt2)", "rest2"),
     ],
     ids=["M", "by parts"],
 )
-def test_a_checker_that_believes_its_quadratic_function_proves_too_little(part, replacement):
+def test_a_checker_that_believes_its_quadratic_function_proves_too_little(component, replacement):
     """f = cos(6 pi x) is 1 at the centroids of both triangles, where v = 1/4 solves c v = 1, c = 4.
 
     u = cos(6 pi x)/(c + 36 pi^2), and u - v has the square c v^2 = 1/4 and more. The checker itself sees it.
@@ -462,7 +464,7 @@ def test_a_checker_that_believes_its_quadratic_function_proves_too_little(part, 
     stated["problem"]["f"] = "cos(6*pi*x)"
     bounds = [
         module.Certificate(stated, cf.Formula).bounds()[0]
-        for module in (checker(), checker((part, replacement)))
+        for module in (checker(), checker((component, replacement)))
     ]
     assert bounds[1] < 1e-20 < 0.5 < bounds[0]
 
@@ -485,7 +487,7 @@ def prove(path):
 
 
 @pytest.fixture(scope="module", params=[("shelter", 1 / 16), ("sine times exp", 1 / 4)], ids=str)
-def certified(request, tmp_path_factory):
+def solution_and_certificate(request, tmp_path_factory):
     """A solution, and the path of its certificate."""
     folder = tmp_path_factory.mktemp("formulas")
     name, h = request.param
@@ -499,9 +501,9 @@ def certified(request, tmp_path_factory):
     return solution, path
 
 
-def test_bounds_of_problems_with_formulas_are_proved(certified):
+def test_bounds_of_problems_with_formulas_are_proved(solution_and_certificate):
     """At most 3 % above the program's own bounds, as issue 46 asks."""
-    solution, path = certified
+    solution, path = solution_and_certificate
     printed, (u, lambda_) = prove(path)
     bound = solution.solved.bound()
     assert "sin(" in printed
@@ -510,14 +512,14 @@ def test_bounds_of_problems_with_formulas_are_proved(certified):
     assert lambda_ <= 1.03 * bound.lambda_
 
 
-def test_another_load_is_seen_in_the_bound(certified, tmp_path):
+def test_another_load_is_seen_in_the_bound(solution_and_certificate, tmp_path):
     """Control: the same certificate for f + 1/10."""
-    solution, path = certified
+    solution, path = solution_and_certificate
     stated = json.loads(gzip.decompress(path.read_bytes()))
     f = stated["problem"]["f"]
     stated["problem"]["f"] = [*f, [0, 0, "1/10"]] if isinstance(f, list) else f"{f} + 1/10"
-    other = tmp_path / "other.json"
-    other.write_text(json.dumps(stated), encoding="utf-8")
-    printed, (u, _) = prove(other)
+    second = tmp_path / "other.json"
+    second.write_text(json.dumps(stated), encoding="utf-8")
+    printed, (u, _) = prove(second)
     assert "PROVED" in printed
     assert u > 1.03 * solution.solved.bound().u

@@ -158,10 +158,10 @@ def test_random_certificates_have_all_that_the_definitions_compute():
 def test_each_of_the_bounds_is_the_least_somewhere():
     """Of those on a triangle, of the two C, if both are there, and of the two S."""
     all_parts = [recompute(seed) for seed in SEEDS]
-    assert any({False, True} <= set(parts.is_by_parts) for parts in all_parts)
-    both = [parts.constants for parts in all_parts if max(parts.constants).is_finite()]
-    assert {field < reaction for field, reaction in both} == {False, True}
-    pairs = [pair for parts in all_parts for pair in parts.S if max(pair).is_finite()]
+    assert any({False, True} <= set(all_part.is_by_parts) for all_part in all_parts)
+    constants = [all_part.constants for all_part in all_parts if max(all_part.constants).is_finite()]
+    assert {field < reaction for field, reaction in constants} == {False, True}
+    pairs = [pair for all_part in all_parts for pair in all_part.S if max(pair).is_finite()]
     assert {with_C < with_c for with_C, with_c in pairs} == {False, True}
 
 

@@ -46,7 +46,7 @@ def check(path, program="certificate/check.py"):
     return done.returncode, done.stdout
 
 
-def proved(path, *program):
+def read_proved_bounds(path, *program):
     """The bounds on the errors of u and of the flux."""
     code, printed = check(path, *program)
     assert code == 0, printed
@@ -93,9 +93,9 @@ def test_without_a_reaction_or_with_a_small_one_the_flux_is_balanced(c, tmp_path
     judged = judge_solution(s.solved)
     unbalanced = judged._replace(flux=s.solved.flux)
     bounds = []
-    for each in (judged, unbalanced):
-        write_certificate(make_certificate(s.problem, each), tmp_path / "c.json")
-        bounds.append(proved(tmp_path / "c.json")[0])
+    for solved in (judged, unbalanced):
+        write_certificate(make_certificate(s.problem, solved), tmp_path / "c.json")
+        bounds.append(read_proved_bounds(tmp_path / "c.json")[0])
     assert bounds[0] < s.bounds.u < bounds[1]
 
 
@@ -108,7 +108,7 @@ def test_a_field_is_written_for_a_small_reaction(c, has_field, tmp_path):
     ul.solve(problem, h=1 / 8, H=1 / 4).save_certificate(tmp_path / "c.json")
     stated = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
     assert ("field" in stated) == has_field
-    assert len(proved(tmp_path / "c.json")) == 2
+    assert len(read_proved_bounds(tmp_path / "c.json")) == 2
 
 
 def test_without_a_clamped_side_there_is_no_field(tmp_path):
@@ -135,7 +135,7 @@ def test_functions_are_terms_where_the_checker_reads_them():
     """Exact ones, from the rules of docs/certificate.md: f of degree 2, g of degree 2 along its side."""
     stated = state_problem(ul.Problem(KITE, f="(x - 1/3)**2 - 0.1*y", g="x**2*y/8 + pi*x*0"))
     assert stated["f"] == [[0, 0, "1/9"], [0, 1, "-1/10"], [1, 0, "-2/3"], [2, 0, "1"]]
-    kinds = [data for side in stated["sides"] for data in side.values()]
+    kinds = [side_data for side in stated["sides"] for side_data in side.values()]
     terms = [[2, 1, "1/8"]]
     text = "x**2*y/8"
     # of degree 0 on the bottom, and of degree 3 along each slanted side
@@ -165,7 +165,9 @@ def line_through(side, start, end):
     b = np.array(KITE)[(side + 1) % 4]
 
     def g(t):
-        x, y = (p + (q - p) * (start + (end - start) * t) for p, q in zip(a, b, strict=True))
+        share = start + (end - start) * t
+        x = a[0] + (b[0] - a[0]) * share
+        y = a[1] + (b[1] - a[1]) * share
         return mpmath.sin(3 * x) * mpmath.exp(y)
 
     return g
@@ -183,8 +185,8 @@ def test_bounds_on_g_hold_and_leave_room_for_the_remainder(side, size):
     t = np.linspace(0, 1, 21)
     above = []
     for start in (0.0, 0.4, 1 - size):
-        part = (np.array([z]) for z in (side, start, start + size))
-        first, bend, last = obstacle_bounds(problem, *part)[:, 0]
+        values = (np.array([z]) for z in (side, start, start + size))
+        first, bend, last = obstacle_bounds(problem, *values)[:, 0]
         g = line_through(side, start, start + size)
         on_part = np.array([float(g(s)) for s in t])
         with mpmath.workdps(30):
@@ -254,11 +256,11 @@ def test_the_bytes_are_the_same_whenever_and_wherever_it_is_written(record, tmp_
 def test_nothing_half_written_remains(record, tmp_path, monkeypatch):
     """On a full disk the file that was there stays."""
     path = tmp_path / "c.json"
-    whole = Path.write_bytes
+    full = Path.write_bytes
     path.write_text("before")
 
     def half(file, content):
-        whole(file, content[: len(content) // 2])
+        full(file, content[: len(content) // 2])
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_bytes", half)
@@ -275,7 +277,7 @@ def test_solve_prints_the_line_that_checks(run, tmp_path):
     (line,) = re.findall(r"^  check it with +python3 (.*)$", out, re.MULTILINE)
     (program,) = re.findall(r"^(\S+) '[^']*a name.json.gz'$", line)
     assert Path(program).resolve() == ROOT / "certificate/check.py"
-    assert len(proved(file)) == 2
+    assert len(read_proved_bounds(file)) == 2
 
 
 def test_with_json_nothing_else_is_printed(run, tmp_path):
@@ -284,15 +286,15 @@ def test_with_json_nothing_else_is_printed(run, tmp_path):
     )
     assert code == 0
     assert json.loads(out)["problem"] == "shelf"
-    assert len(proved(tmp_path / "c.json")) == 2
+    assert len(read_proved_bounds(tmp_path / "c.json")) == 2
 
 
 def test_sharp_bounds_are_not_what_is_proved(run, tmp_path):
     """It is said, with the cheap bound; control: without --sharp it is not."""
-    arguments = "solve", EXAMPLES / "shelf.yaml", *SIZES, "--certificate", tmp_path / "c.json"
+    arguments = ["solve", EXAMPLES / "shelf.yaml", *SIZES, "--certificate", tmp_path / "c.json"]
     _, out, _ = run(*arguments, "--sharp")
     (cheap,) = re.findall(r"it proves +the bound without --sharp: at most (\S+)$", out, re.MULTILINE)
-    assert float(cheap) == pytest.approx(proved(tmp_path / "c.json")[0], rel=CLOSE)
+    assert float(cheap) == pytest.approx(read_proved_bounds(tmp_path / "c.json")[0], rel=CLOSE)
     assert "without --sharp" not in run(*arguments)[1]
 
 
@@ -304,13 +306,13 @@ def test_sharp_bounds_are_not_what_is_proved(run, tmp_path):
         (EXAMPLES / "shelf.yaml", ["none/c.json"], "there is no folder none"),
     ],
 )
-def test_refusals_come_before_the_solve(refused, monkeypatch, tmp_path, problem, options, reason):
+def test_refusals_come_before_the_solve(refusal, monkeypatch, tmp_path, problem, options, reason):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(api, "solve", lambda *_, **__: pytest.fail("it was solved"))
-    assert reason in refused("solve", problem, *SIZES, "--certificate", *(options or ["c.json"]))
+    assert reason in refusal("solve", problem, *SIZES, "--certificate", *(options or ["c.json"]))
     assert [*tmp_path.iterdir()] == []
 
 
-def test_a_dry_run_writes_no_certificate(refused, tmp_path):
-    arguments = "solve", EXAMPLES / "shelf.yaml", "--accuracy", "0.1", "--dry-run"
-    assert "--certificate" in refused(*arguments, "--certificate", tmp_path / "c.json")
+def test_a_dry_run_writes_no_certificate(refusal, tmp_path):
+    arguments = ["solve", EXAMPLES / "shelf.yaml", "--accuracy", "0.1", "--dry-run"]
+    assert "--certificate" in refusal(*arguments, "--certificate", tmp_path / "c.json")

@@ -36,12 +36,12 @@ def table(name, header, *columns):
     np.savetxt(name, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.17g")
 
 
-def certified(run, *arguments):
+def run_certify(run, *arguments):
     code, out, err = run("certify", "p.yaml", "--json", *arguments)
     return code, json.loads(out)["h1_bound"] if out else None, err
 
 
-def test_the_only_field_of_a_vtu_on_its_own_mesh(files, run):
+def test_the_only_field_of_a_vtu_is_certified_on_its_own_mesh(files, run):
     code, out, err = run("certify", "p.yaml", "--solution", "u.vtu")
     assert (code, err) == (0, "")
     assert out.startswith("p: h = 0.125, H = 0.25, h/H = 0.5\n")
@@ -51,8 +51,8 @@ def test_the_only_field_of_a_vtu_on_its_own_mesh(files, run):
     assert "  u                           of another program; " in out
     _, solved, _ = run("solve", "p.yaml", "--h", "1/8", "--H", "1/4")  # control
     assert "another program" not in solved
-    for more, bounds in (([], files.bounds), (["--sharp"], files.sharp_bounds)):
-        assert certified(run, "--solution", "u.vtu", *more) == (0, pytest.approx(bounds.u, rel=1e-12), "")
+    for extra, bounds in (([], files.bounds), (["--sharp"], files.sharp_bounds)):
+        assert run_certify(run, "--solution", "u.vtu", *extra) == (0, pytest.approx(bounds.u, rel=1e-12), "")
 
 
 def test_columns_of_a_csv_are_matched_by_places_or_by_order(files, run):
@@ -63,8 +63,8 @@ def test_columns_of_a_csv_are_matched_by_places_or_by_order(files, run):
     table("wrong.csv", "u", files.u[order])
     expected = 0, pytest.approx(files.bounds.u, rel=1e-9), ""
     for arguments in (["places.csv"], ["named.csv", "--field", "v"], ["order.csv"]):
-        assert certified(run, "--mesh", "mesh.vtu", "--solution", *arguments) == expected
-    code, bound, _ = certified(run, "--mesh", "mesh.vtu", "--solution", "wrong.csv")
+        assert run_certify(run, "--mesh", "mesh.vtu", "--solution", *arguments) == expected
+    code, bound, _ = run_certify(run, "--mesh", "mesh.vtu", "--solution", "wrong.csv")
     assert code == 0
     assert bound > 10 * files.bounds.u
 
@@ -72,10 +72,10 @@ def test_columns_of_a_csv_are_matched_by_places_or_by_order(files, run):
 def test_values_in_the_file_of_the_mesh_have_its_order_also_where_nodes_are_moved_onto_sides(files, run):
     """Five decimals explain that all nodes are away by 1e-5; matched by places, the corners would be lost."""
     write("off.vtu", files.mesh.points + 1e-5, [("triangle", files.mesh.triangles)], {"u": files.u})
-    code, bound, err = certified(run, "--solution", "off.vtu")
+    code, bound, err = run_certify(run, "--solution", "off.vtu")
     assert (code, bound, err) == (0, pytest.approx(files.bounds.u, rel=1e-4), "")
     table("off.csv", "x,y,u", *(files.mesh.points.T + 1e-5), files.u)
-    code, _, err = certified(run, "--solution", "off.csv", "--mesh", "mesh.vtu")  # control
+    code, _, err = run_certify(run, "--solution", "off.csv", "--mesh", "mesh.vtu")  # control
     assert (code, err.split(";")[0]) == (2, "unilateral: off.csv: another mesh")
 
 
@@ -89,11 +89,11 @@ def test_of_second_order_triangles_the_corners_are_taken(files, run):
     write("p2.vtu", points, [("triangle6", cells)], {"u": values})
     write("only.vtu", points, [("triangle6", cells)])
     table("corners.csv", "x,y,u", *mesh.points.T, files.u)
-    assert certified(run, "--solution", "corners.csv", "--mesh", "only.vtu")[:2] == (
+    assert run_certify(run, "--solution", "corners.csv", "--mesh", "only.vtu")[:2] == (
         0,
         pytest.approx(files.bounds.u, rel=1e-9),
     )
-    code, bound, err = certified(run, "--solution", "p2.vtu")
+    code, bound, err = run_certify(run, "--solution", "p2.vtu")
     assert (code, bound) == (0, pytest.approx(files.bounds.u, rel=1e-12))
     assert err == (
         "unilateral: p2.vtu: its triangles are of second order; the linear function with the values at their "
@@ -103,7 +103,7 @@ def test_of_second_order_triangles_the_corners_are_taken(files, run):
 
 def test_penetration_is_told(files, run):
     table("u.csv", "u", files.u - 1)
-    code, _, err = certified(run, "--mesh", "mesh.vtu", "--solution", "u.csv")
+    code, _, err = run_certify(run, "--mesh", "mesh.vtu", "--solution", "u.csv")
     assert code == 0
     assert err.startswith("unilateral: most of the bound on the error of u comes from places where u < g")
 

@@ -5,7 +5,7 @@ import re
 
 import click
 import pytest
-from conftest import ROOT, certified, load
+from conftest import ROOT, load, load_certificate
 
 from study.evidence import Unjudged
 from study.ledger import claims
@@ -22,10 +22,10 @@ SECTIONS = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", TEXT, re.MULTILINE | 
 
 def tables(text, head):
     """The rows of all tables whose first column has that head."""
-    found = re.findall(rf"^\| {head}.*? \|.*\n\|---.*\n((?:\|.*\n)+)", text, re.MULTILINE)
+    matches = re.findall(rf"^\| {head}.*? \|.*\n\|---.*\n((?:\|.*\n)+)", text, re.MULTILINE)
     return [
         tuple(cell.replace(r"\|", "|").strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1])
-        for table in found
+        for table in matches
         for row in table.splitlines()
     ]
 
@@ -52,13 +52,13 @@ def test_every_option_is_listed_and_no_other(name):
 
 
 def test_no_option_is_spoken_of_that_does_not_exist():
-    known = {
+    expected = {
         opt
         for name in application.commands
         for param in application.commands[name].params
         for opt in param.opts
     }
-    assert set(re.findall(r"(?<![\w-])--[A-Za-z][\w-]*", TEXT)) <= known | {"--help", "--version"}
+    assert set(re.findall(r"(?<![\w-])--[A-Za-z][\w-]*", TEXT)) <= expected | {"--help", "--version"}
 
 
 def test_the_exit_codes_are_those_of_help():
@@ -68,35 +68,38 @@ def test_the_exit_codes_are_those_of_help():
         assert {"0", "2", "4", "130", "143"} <= {*codes.split(", ")} <= {*in_help}
 
 
-def printed(capsys, *arguments):
+def read_printed_json(capsys, *arguments):
     assert main([*arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
-def test_the_fields_of_solve(capsys):
-    sizes = ("--h", "1/4", "--H", "1/2")
-    assert fields("solve") == list(printed(capsys, "solve", "full_contact", *sizes))
-    plan = printed(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
-    (said,) = re.findall(r"With `--dry-run` there are (.*?)\.$", SECTIONS["solve"], re.MULTILINE | re.DOTALL)
-    assert re.findall(r"`(\w+)`", said) == list(plan)
+def test_the_page_lists_the_fields_of_solve(capsys):
+    assert fields("solve") == list(
+        read_printed_json(capsys, "solve", "full_contact", "--h", "1/4", "--H", "1/2")
+    )
+    plan = read_printed_json(capsys, "solve", "natural", "--accuracy", "0.1", "--dry-run")
+    (message,) = re.findall(
+        r"With `--dry-run` there are (.*?)\.$", SECTIONS["solve"], re.MULTILINE | re.DOTALL
+    )
+    assert re.findall(r"`(\w+)`", message) == list(plan)
 
 
-def test_the_fields_of_cases(capsys):
-    found = printed(capsys, "cases", "natural")
-    assert set(fields("cases")) == set(found) | set(found["polygons"][0])
-    (said,) = re.findall(r"^In the list of all cases polygons have .*$", TEXT, re.MULTILINE)
-    listed = re.findall(r"`(\w+)`", said)
-    assert listed == list(make_polygon_record(load("natural"), certified("natural")))
+def test_the_page_lists_the_fields_of_cases(capsys):
+    output = read_printed_json(capsys, "cases", "natural")
+    assert set(fields("cases")) == set(output) | set(output["polygons"][0])
+    (message,) = re.findall(r"^In the list of all cases polygons have .*$", TEXT, re.MULTILINE)
+    listed = re.findall(r"`(\w+)`", message)
+    assert listed == list(make_polygon_record(load("natural"), load_certificate("natural")))
 
 
-def test_the_fields_of_infsup(capsys):
-    found = printed(capsys, "infsup", "--polygon", "square", "--h", "1/4", "--H", "1/2")
-    assert set(fields("infsup")) == set(found)
+def test_the_page_lists_the_fields_of_infsup(capsys):
+    output = read_printed_json(capsys, "infsup", "--polygon", "square", "--h", "1/4", "--H", "1/2")
+    assert set(fields("infsup")) == set(output)
 
 
-def test_the_fields_of_claims():
+def test_the_page_lists_the_fields_of_claims():
     """Of a claim that is not judged; the fields are the same as of others."""
     record = Judgement(claims.find_claim("4.12"), Results(""), Unjudged("no results")).record()
-    first, *others = fields("claims")
+    first, *claim_fields = fields("claims")
     assert first == "claims"
-    assert set(others) == {*record, "required", "holds"}
+    assert set(claim_fields) == {*record, "required", "holds"}

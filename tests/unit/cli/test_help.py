@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from typed import in_python
+from typed import run_in_python
 
 from unilateral.cli.application import application
 from unilateral.errors import suggest_name
@@ -38,9 +38,9 @@ def test_where_the_study_is_not_installed_its_command_says_so_and_is_not_listed(
     """None in the place of a module makes Python take it for missing."""
     assert "\n  claims " in run("--help")[1]
     without = "import sys; sys.modules['study'] = None; from unilateral.cli import main; sys.exit(main({}))"
-    code, _, err = in_python(without.format(["claims", "4.12"]))
+    code, _, err = run_in_python(without.format(["claims", "4.12"]))
     assert (code, "claims belongs to the study, which 'make' installs" in err) == (2, True)
-    code, out, _ = in_python(without.format(["--help"]))
+    code, out, _ = run_in_python(without.format(["--help"]))
     assert (code, "claims" in out) == (0, False)
 
 
@@ -49,10 +49,10 @@ def test_a_study_of_the_user_is_neither_imported_nor_taken_for_this_project_s(tm
     """`python -m` looks in the present folder first."""
     (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_text("raise RuntimeError('imported')\n")
-    for words, code, said in ((["--help"], 0, ""), (["claims"], 2, "claims belongs to the study")):
+    for words, code, message in ((["--help"], 0, ""), (["claims"], 2, "claims belongs to the study")):
         command = [sys.executable, "-m", "unilateral", *words]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", timeout=60)
-        assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+        assert (done.returncode, message in done.stderr) == (code, True), done.stderr
 
 
 def test_all_algorithms_can_be_named():
@@ -66,7 +66,7 @@ def test_nothing_is_offered_for_what_is_like_nothing():
 
 
 @pytest.mark.parametrize(
-    ("words", "found"),
+    ("words", "expected"),
     [
         (("s",), "score solve"),
         (("solve", "nat"), "natural"),
@@ -76,7 +76,7 @@ def test_nothing_is_offered_for_what_is_like_nothing():
         (("solve", "own"), ""),
     ],
 )
-def test_bash_completes(tmp_path, words, found):
+def test_bash_completes_names_and_leaves_files_to_itself(tmp_path, words, expected):
     """In a real bash, as docs/command-line.md says; files are left to bash itself where no name fits."""
     text = (ROOT / "docs/command-line.md").read_text()
     (switch_on,) = re.findall(r"^(eval .*=bash_source .*)$", text, re.MULTILINE)
@@ -86,7 +86,7 @@ def test_bash_completes(tmp_path, words, found):
     done = subprocess.run(
         ["bash", "-c", script], capture_output=True, text=True, cwd=tmp_path, env={**os.environ, "PATH": path}
     )
-    assert (done.stdout.strip(), done.stderr) == (found, "")
+    assert (done.stdout.strip(), done.stderr) == (expected, "")
     takes_files = len(words) == 2 or "--polygon" in words
     assert ("compopt" in (tmp_path / "files").read_text()) == takes_files
 

@@ -25,8 +25,8 @@ def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     named = rf"unilateral (check|solve) ({re.escape(str(file))})( --accuracy [0-9.]+)?"
     commands = re.findall(named, text)
     assert len(commands) == 2
-    for command, *rest in commands:
-        assert run(command, *" ".join(rest).split())[0] == 0
+    for command, *remaining in commands:
+        assert run(command, *" ".join(remaining).split())[0] == 0
     contact = run("solve", str(file), "--accuracy", "0.05")[1].split("  contact  ")[1]
     assert re.search(r"contact, side 0 +0\.\d+ to 1; length 0\.", contact)  # it ends inside the side
     assert "side 3" not in contact.partition("force")[0]
@@ -76,20 +76,20 @@ def test_check_shows_what_was_understood(run):
 
 
 @pytest.mark.parametrize(
-    ("f", "least", "largest"),
+    ("f", "minimum", "largest"),
     [
         ("x", 0, 1),
         ("-1/3*x", Fraction(-1, 3), 0),
         ("2/3 + x*1e-8", Fraction(2, 3), Fraction(2, 3) + Fraction(1, 10**8)),
     ],
 )
-def test_the_printed_range_of_f_is_outward(run, problem_file_of, f, least, largest):
+def test_the_printed_range_of_f_is_outward(run, problem_file_of, f, minimum, largest):
     """The values of f at the square's corners lie in it; it is wider by 11 digits at most."""
     out = run("check", problem_file_of(f=f, g="-9"))[1]
     ends = [Fraction(x) for x in re.search(r"between (\S+) and (\S+), rounding included", out).groups()]
     bound = Fraction(re.search(r"guaranteed  u >= (\S+),", out)[1])
-    assert ends[0] <= least <= largest <= ends[1]
-    assert ends[1] - ends[0] <= largest - least + Fraction(3, 10**11)
+    assert ends[0] <= minimum <= largest <= ends[1]
+    assert ends[1] - ends[0] <= largest - minimum + Fraction(3, 10**11)
     assert bound == ends[0]
 
 

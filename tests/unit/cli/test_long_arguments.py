@@ -32,20 +32,20 @@ IN_PLACE = {"--mesh": "--h", "--cells": "--H"}
 OF_ACCURACY = ("--accuracy", "--norm", "--max-unknowns", "--max-seconds", "--max-memory")
 
 
-def typed(command, param, text):
+def type_command(command, param, text):
     """The arguments with which a command would run, but for this text as one of them."""
     arguments = [*ARGUMENTS.get(command, [])]
     options = dict(OPTIONS.get(command, {}))
     if isinstance(param, click.Argument):
-        at = 1 if param.name == "solutions" else 0
-        arguments[at : at + 1] = [text]
+        position = 1 if param.name == "solutions" else 0
+        arguments[position : position + 1] = [text]
     else:
         name = max(param.opts, key=len)
         if name in OF_ACCURACY:
             options = {"--accuracy": "1/2"}
         options.pop(IN_PLACE.get(name), None)
         options[name] = text
-    return [command, *arguments, *(each for pair in options.items() for each in pair)]
+    return [command, *arguments, *(item for pair in options.items() for item in pair)]
 
 
 PARAMS = [
@@ -57,10 +57,10 @@ PARAMS = [
 
 
 @pytest.mark.parametrize(("command", "param"), PARAMS, ids=[f"{name} {param.name}" for name, param in PARAMS])
-def test_a_long_argument_is_refused(refused, tmp_path, monkeypatch, command, param):
+def test_a_long_argument_is_refused(refusal, tmp_path, monkeypatch, command, param):
     monkeypatch.chdir(tmp_path)
     for text in LONG.values():
-        refused(*typed(command, param, text))
+        refusal(*type_command(command, param, text))
     assert not list(tmp_path.iterdir())
 
 

@@ -26,7 +26,7 @@ TURNED = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ TURN, "turned")
     ids=lambda command: command[0],
 )
 def test_files_that_hold_no_triangles_are_refused_at_once(
-    command, content, refused, run, tmp_path, monkeypatch
+    command, content, refusal, run, tmp_path, monkeypatch
 ):
     """meshio's reader of .ele goes on for ever where the file is empty."""
     monkeypatch.chdir(tmp_path)
@@ -34,13 +34,13 @@ def test_files_that_hold_no_triangles_are_refused_at_once(
         assert run("export", "natural", "--h", "1/4", "--H", "1/2", "--out", "exported")[0] == 0
     for name in ("e.node", "e.ele"):
         (tmp_path / name).write_text(content)
-    message = refused(*command, "e.ele")
+    message = refusal(*command, "e.ele")
     assert "e.ele: " in message
     assert ("the file is empty" if not content else "files of Triangle and TetGen are not read") in message
     assert not (tmp_path / "out").exists()
 
 
-def rounded(folder, decimals):
+def write_rounded_mesh(folder, decimals):
     """A mesh of the turned square in a file, with few decimals."""
     mesh = make_unstructured_mesh(TURNED, 1 / 8)
     points = np.round(mesh.points, decimals)
@@ -54,7 +54,7 @@ def rounded(folder, decimals):
 
 def test_turns_that_are_taken_for_rounding_are_told_on_standard_error(run, tmp_path):
     """infsup reports the beta of four sides. Control: in full precision nothing is told."""
-    code, out, err = run("infsup", "--mesh", rounded(tmp_path, 6), "--cells", "4")
+    code, out, err = run("infsup", "--mesh", write_rounded_mesh(tmp_path, 6), "--cells", "4")
     assert code == 0
     assert out.startswith("own, 4 sides: h = 0.125")
     assert "own.msh: the polygon has 4 sides; the turns of its boundary at" in err
@@ -67,15 +67,15 @@ def test_turns_that_are_taken_for_rounding_are_told_on_standard_error(run, tmp_p
     ]
 
 
-def test_the_polygon_is_asked_for_by_the_option(refused, run, tmp_path):
-    message = refused("infsup", "--mesh", rounded(tmp_path, 3), "--cells", "4")
+def test_the_polygon_is_asked_for_by_the_option(refusal, run, tmp_path):
+    message = refusal("infsup", "--mesh", write_rounded_mesh(tmp_path, 3), "--cells", "4")
     assert "it is not clear whether there is a corner; give the polygon, by --polygon" in message
     (tmp_path / "turned.yaml").write_text(f"polygon: {TURNED.vertices.tolist()}")
     assert (
         run(
             "infsup",
             "--mesh",
-            rounded(tmp_path, 3),
+            write_rounded_mesh(tmp_path, 3),
             "--cells",
             "4",
             "--polygon",

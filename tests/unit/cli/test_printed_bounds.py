@@ -22,7 +22,7 @@ NUMBER = r"[0-9]+(?:\.[0-9]*)?(?:e[+-][0-9]+)?"
 
 
 @pytest.fixture
-def printed(tmp_path, capsys):
+def print_solution(tmp_path, capsys):
     """What `solve` prints of a problem with these fields."""
 
     def solve(fields, *options):
@@ -37,18 +37,18 @@ def printed(tmp_path, capsys):
 def forces(out):
     """The two ends of every force, which is printed as a number and by how much it may be off."""
     return [
-        (Decimal(value) - Decimal(off), Decimal(value) + Decimal(off))
-        for value, off in re.findall(rf"force, .* ({NUMBER}) ± ({NUMBER})", out)
+        (Decimal(value) - Decimal(half_width), Decimal(value) + Decimal(half_width))
+        for value, half_width in re.findall(rf"force, .* ({NUMBER}) ± ({NUMBER})", out)
     ]
 
 
 @pytest.mark.parametrize(
     "options", [("--h", "1/16", "--H", "1/8", "--tolerance", "1e-7"), ("--accuracy", "1e-5")]
 )
-def test_the_printed_interval_has_the_force_in_it(printed, options):
-    found = forces(printed(LINEAR, *options))
-    assert len(found) == 2
-    for lower, upper in found:
+def test_the_printed_interval_has_the_force_in_it(print_solution, options):
+    intervals = forces(print_solution(LINEAR, *options))
+    assert len(intervals) == 2
+    for lower, upper in intervals:
         assert 3 * lower <= 4 <= 3 * upper
         assert upper - lower <= Decimal("0.0002")
 
@@ -63,10 +63,10 @@ def gradient_error(solution):
     return float(np.sqrt(solution.mesh.areas @ distance))
 
 
-def test_the_printed_bound_is_above_the_error(printed):
+def test_the_printed_bound_is_above_the_error(print_solution):
     """Which is above that of the gradient; the nearest number with four decimals is not."""
-    options = "--h", "1/128", "--H", "1/64", "--tolerance", "4e-5", "--sharp"
-    (bound,) = re.findall(rf"\|\|u - u_h\|\|_1 <= ({NUMBER})", printed(PARABOLA, *options))
+    options = ["--h", "1/128", "--H", "1/64", "--tolerance", "4e-5", "--sharp"]
+    (bound,) = re.findall(rf"\|\|u - u_h\|\|_1 <= ({NUMBER})", print_solution(PARABOLA, *options))
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     g = [None, f"{SCALE}/2", None, None]
     problem = ul.Problem(corners, PARABOLA["f"], g, free_sides=[0, 2, 3])
@@ -85,56 +85,58 @@ RUNS = {
 }
 
 
-def all_numbers(found):
+def all_numbers(computed):
     """Those of a JSON object."""
-    if isinstance(found, dict | list):
+    if isinstance(computed, dict | list):
         return [
-            x for each in (found.values() if isinstance(found, dict) else found) for x in all_numbers(each)
+            x
+            for value in (computed.values() if isinstance(computed, dict) else computed)
+            for x in all_numbers(value)
         ]
-    return [found] if isinstance(found, float) else []
+    return [computed] if isinstance(computed, float) else []
 
 
-def told(arguments, capsys):
+def list_printed_bounds(arguments, capsys):
     """Upper and lower bounds that are printed, each with the number of --json that it shows."""
-    codes = {main(["solve", *arguments, *more]) for more in ((), ("--json",))}
+    codes = {main(["solve", *arguments, *extra]) for extra in ((), ("--json",))}
     text, record = capsys.readouterr().out.rsplit('{"problem"', 1)
-    of_solution = json.loads('{"problem"' + record)
-    for of_run in ("seconds", "peak_mb"):  # by chance they may be near a bound
-        of_solution.pop(of_run)
-    known = np.array(all_numbers(of_solution))
+    solution = json.loads('{"problem"' + record)
+    for run in ("seconds", "peak_mb"):  # by chance they may be near a bound
+        solution.pop(run)
+    known_numbers = np.array(all_numbers(solution))
     assert len(codes) == 1
     text = "\n".join(line for line in text.splitlines() if line.startswith("  "))
     above = re.findall(rf"<= ({NUMBER})|and ({NUMBER})$", text, re.MULTILINE)
     below = re.findall(rf">= ({NUMBER})|between ({NUMBER})", text)
-    return [[_shown(max(pair), known) for pair in pairs] for pairs in (above, below)]
+    return [[_round_both_ways(max(pair), known_numbers) for pair in pairs] for pairs in (above, below)]
 
 
-def _shown(number, known):
-    nearest = known[np.argmin(np.abs(known - float(number)))]
+def _round_both_ways(number, expected):
+    nearest = expected[np.argmin(np.abs(expected - float(number)))]
     return Decimal(number), Decimal(float(nearest))
 
 
-def _in_json(pair):
+def _agree_with_json(pair):
     """Whether they agree to one unit of the last digit that is printed."""
     return abs(pair[0] - pair[1]) <= Decimal(1).scaleb(pair[0].as_tuple().exponent)
 
 
 def wrong(above, below):
     """The bounds that are printed on the wrong side of the number."""
-    return [p for p in above if _in_json(p) and p[0] < p[1]] + [
-        p for p in below if _in_json(p) and p[0] > p[1]
+    return [p for p in above if _agree_with_json(p) and p[0] < p[1]] + [
+        p for p in below if _agree_with_json(p) and p[0] > p[1]
     ]
 
 
 @pytest.mark.parametrize("name", RUNS)
 def test_every_bound_that_is_printed_is_one_of_the_number_in_json(name, capsys):
-    above, below = told(RUNS[name], capsys)
+    above, below = list_printed_bounds(RUNS[name], capsys)
     assert len(above) >= 4
     assert len(below) >= 2
-    assert sum(map(_in_json, above + below)) >= 6
+    assert sum(map(_agree_with_json, above + below)) >= 6
     assert wrong(above, below) == []
 
 
 def test_by_plain_rounding_some_would_be_on_the_wrong_side(monkeypatch, capsys):
     monkeypatch.setattr(decimals, "_format_rounding", lambda x, spec, _: format(x, spec))
-    assert any(wrong(*told(arguments, capsys)) for arguments in RUNS.values())
+    assert any(wrong(*list_printed_bounds(arguments, capsys)) for arguments in RUNS.values())

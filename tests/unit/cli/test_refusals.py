@@ -14,8 +14,8 @@ pytestmark = pytest.mark.usefixtures("shared_cases")
 @pytest.mark.parametrize(
     "text", ["0", "-1", "nan", "inf", "1/0", "abc", "1/", "", "1e-400", "1e400", "0/3", "1e999999999", "1;2"]
 )
-def test_a_size_must_be_a_positive_number(refused, option, text):
-    message = refused("solve", "natural", *SIZES, f"{option}={text}")
+def test_a_size_must_be_a_positive_number(refusal, option, text):
+    message = refusal("solve", "natural", *SIZES, f"{option}={text}")
     assert f"'{option}': '{text}' must be a positive number or a fraction such as 1/64" in message
 
 
@@ -107,18 +107,18 @@ OWN = [
 
 
 @pytest.mark.parametrize("typed", BY_CLICK)
-def test_what_click_refuses(refused, tmp_path, monkeypatch, typed):
+def test_what_click_refuses_leaves_the_folder_empty(refusal, tmp_path, monkeypatch, typed):
     """The folder stays empty."""
     monkeypatch.chdir(tmp_path)
-    assert "Error: " in refused(*shlex.split(typed))
+    assert "Error: " in refusal(*shlex.split(typed))
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("typed", OWN, ids=[typed.replace(f"{ROOT}/", "") for typed in OWN])
-def test_bad_arguments(refused, tmp_path, monkeypatch, typed):
+def test_bad_arguments_are_refused_in_one_sentence(refusal, tmp_path, monkeypatch, typed):
     """One sentence; what is like a misspelt name is offered; the folder stays empty."""
     monkeypatch.chdir(tmp_path)
-    recorder.check(refused(*shlex.split(typed)).rpartition("Error: ")[2].strip())
+    recorder.check(refusal(*shlex.split(typed)).rpartition("Error: ")[2].strip())
     assert not list(tmp_path.iterdir())
 
 
@@ -130,9 +130,9 @@ def test_bad_arguments(refused, tmp_path, monkeypatch, typed):
         "infsup --polygon square --h 1e-7 --H 1",
     ],
 )
-def test_what_does_not_fit_into_the_memory_is_refused(refused, typed):
+def test_what_does_not_fit_into_the_memory_is_refused(refusal, typed):
     """The message says how much is free."""
-    assert " MB" in refused(*typed.split())
+    assert " MB" in refusal(*typed.split())
 
 
 @pytest.mark.parametrize(
@@ -146,13 +146,13 @@ def test_what_does_not_fit_into_the_memory_is_refused(refused, typed):
         ("check shelf.yaml", "there is no file shelf.yaml\n"),
     ],
 )
-def test_a_file_that_differs_in_its_ending_is_offered(refused, tmp_path, monkeypatch, typed, message):
+def test_a_file_that_differs_in_its_ending_is_offered(refusal, tmp_path, monkeypatch, typed, message):
     """Control: one with another name is not."""
     folder = tmp_path / "here"
     folder.mkdir()
     (folder / "seal.yaml").write_text(OWN_PROBLEM)
     monkeypatch.chdir(folder)
-    assert message in refused(*typed.split())
+    assert message in refusal(*typed.split())
 
 
 OWN_PROBLEM = "polygon: [[0, 0], [1, 0], [0, 1]]\nf: 1\ng: 0\n"
@@ -173,8 +173,8 @@ OWN_PROBLEM = "polygon: [[0, 0], [1, 0], [0, 1]]\nf: 1\ng: 0\n"
     ],
     ids=["typo", "not a solution", "binary", "half", "tab", "tab elsewhere", "tag", "long name", "long list"],
 )
-def test_bad_files(refused, tmp_path, content, message):
+def test_bad_files_are_refused_with_the_reason(refusal, tmp_path, content, message):
     """What else a file may have is refused in the tests of declarations, cases and problems."""
     file = tmp_path / "own.yaml"
     file.write_text(content)
-    assert message in refused("solve", str(file), *SIZES)
+    assert message in refusal("solve", str(file), *SIZES)

@@ -28,22 +28,22 @@ def level_rows(out):
     return [line.split() for line in out.splitlines() if re.fullmatch(r"[ 0-9.e-]+", line)]
 
 
-def test_an_accuracy_of_a_case(run):
-    code, found, err = solve_json(run, "natural", "--accuracy", "1e-1")
-    assert (code, err, found["certified"]) == (0, "", True)
-    assert found["h1_error"] <= found["total_bound"] <= 0.5
-    assert found["h"] == found["H"] / 2
+def test_an_accuracy_is_certified_for_a_case(run):
+    code, records, err = solve_json(run, "natural", "--accuracy", "1e-1")
+    assert (code, err, records["certified"]) == (0, "", True)
+    assert records["h1_error"] <= records["total_bound"] <= 0.5
+    assert records["h"] == records["H"] / 2
     _, out, _ = run("solve", "natural", "--accuracy", "1e-1")
     assert out.startswith("natural: ||u - u_h||_1 <= 0.1 ||u||_1\n")
     levels = level_rows(out)
     assert [level[:2] for level in levels[:2]] == [["0.5", "0.5"], ["0.25", "0.25"]]
-    assert int(levels[-1][3]) == found["unknowns"]
-    assert sum(int(level[5]) for level in levels) == found["iterations"]
-    bound = re.escape(format_up(found["total_bound"], ".4e"))
+    assert int(levels[-1][3]) == records["unknowns"]
+    assert sum(int(level[5]) for level in levels) == records["iterations"]
+    bound = re.escape(format_up(records["total_bound"], ".4e"))
     assert re.search(rf"  certified: .* <= {bound} <= 0.0\d+ \|\|u\|\|_1, \|\|u\|\|_1 >= ", out)
     (line,) = re.findall(r"  these bounds include +(.*)", out)
     enclosed = r"all rounding errors, and at most (\S+) for approximating f, g and q"
-    assert float(re.fullmatch(enclosed, line)[1]) == pytest.approx(found["enclosure"], rel=0.1)
+    assert float(re.fullmatch(enclosed, line)[1]) == pytest.approx(records["enclosure"], rel=0.1)
 
 
 def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
@@ -53,22 +53,22 @@ def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
     assert out.startswith(
         "no sizes and no accuracy are given; using --accuracy 0.05\nnatural: ||u - u_h||_1 <= 0.05 ||u||_1\n"
     )
-    code, found, err = solve_json(run, "natural")
-    assert (code, err, found["certified"]) == (0, "", True)
-    assert found["goal"] == {"accuracy": 0.05, "norm": "h1", "absolute": False}
+    code, records, err = solve_json(run, "natural")
+    assert (code, err, records["certified"]) == (0, "", True)
+    assert records["goal"] == {"accuracy": 0.05, "norm": "h1", "absolute": False}
     s = ul.solve("natural")
     assert s.certified
     assert s.bounds.relative_u <= 0.05
-    assert s.mesh.n_nodes == found["unknowns"]
+    assert s.mesh.n_nodes == records["unknowns"]
     assert "; using" not in run("solve", "natural", "--accuracy", "0.5")[1]
 
 
-def test_an_absolute_accuracy(run):
+def test_an_absolute_accuracy_is_certified_without_the_norm(run):
     """u of `natural` has the norm 5: the bound is at most what is asked for, not 5 times that."""
-    arguments = ("natural", "--accuracy", "1.5", "--absolute")
-    code, found, err = solve_json(run, *arguments)
-    assert (code, err, found["certified"]) == (0, "", True)
-    assert found["h1_error"] <= found["total_bound"] <= 1.5
+    arguments = ["natural", "--accuracy", "1.5", "--absolute"]
+    code, records, err = solve_json(run, *arguments)
+    assert (code, err, records["certified"]) == (0, "", True)
+    assert records["h1_error"] <= records["total_bound"] <= 1.5
     assert run("solve", *arguments)[1].startswith("natural: ||u - u_h||_1 <= 1.5\n")
 
 
@@ -91,7 +91,7 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
 
 
 @pytest.mark.parametrize(
-    ("of_u", "of_lambda", "options", "said"),
+    ("u_bound", "lambda_bound", "options", "message"),
     [
         ({9: 1e-3, 81: 1e-3}, {}, ("1e-4", "--max-unknowns", "300"), "  unknowns                    25 and"),
         # the third level's bound of u would be small enough, but those of lambda contradict each other
@@ -99,15 +99,17 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
         ({}, {9: 1e-3, 25: 1e-3, 81: 1e-3}, ("0.05",), "bounds contradict each other: no bound is left"),
     ],
 )
-def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u, of_lambda, options, said):
+def test_bounds_that_contradict_each_other_are_withdrawn(
+    run, monkeypatch, u_bound, lambda_bound, options, message
+):
     """Factors of bounds, by unknowns. The second level is the answer where the first and third disagree."""
-    own = solution.local_bound
+    original = solution.local_bound
 
-    def spoilt(data, *others):
-        found = own(data, *others)
+    def spoilt(data, *arguments):
+        bounds = original(data, *arguments)
         unknowns = data.mesh.n_nodes
-        u = of_u.get(unknowns, 1.0) * found.u
-        return replace(found, u=u, lambda_=of_lambda.get(unknowns, 1.0) * found.lambda_)
+        u = u_bound.get(unknowns, 1.0) * bounds.u
+        return replace(bounds, u=u, lambda_=lambda_bound.get(unknowns, 1.0) * bounds.lambda_)
 
     monkeypatch.setattr(solution, "local_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)
@@ -115,15 +117,15 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
     withdrawn = r"unilateral: \d bounds withdrawn, because they contradict each other; please report it\n"
     assert re.fullmatch(withdrawn, err)
     assert "  certified: " not in out
-    assert said in out
-    assert ("these bounds include" in out) == ("25 and" in said)
+    assert message in out
+    assert ("these bounds include" in out) == ("25 and" in message)
 
 
-def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
-    code, found, _ = solve_json(run, PROBLEM, "--accuracy", "0.2", "--norm", "hm12")
-    assert (code, found["problem"], found["norm"]) == (0, "triangle", "hm12")
-    assert found["total_bound"] == found["hm12_bound"]
-    unknown = [key for key in KEYS if found[key] is None]
+def test_an_accuracy_in_the_dual_norm_is_certified_for_a_problem(run):
+    code, records, _ = solve_json(run, PROBLEM, "--accuracy", "0.2", "--norm", "hm12")
+    assert (code, records["problem"], records["norm"]) == (0, "triangle", "hm12")
+    assert records["total_bound"] == records["hm12_bound"]
+    unknown = [key for key in KEYS if records[key] is None]
     assert unknown == ["ended", "reach", *(key for key in KEYS if "_error" in key)]
 
 
@@ -131,16 +133,16 @@ def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
 def test_a_budget_that_ends_is_code_3(run, monkeypatch, option, value):
     """And what it needs is said: more than the unknowns so far."""
     monkeypatch.setattr(forecast, "observe_seconds", lambda _: (0.0, 0.02))
-    arguments = ("natural", "--accuracy", "1e-3", option, value)
+    arguments = ["natural", "--accuracy", "1e-3", option, value]
     code, out, err = run("solve", *arguments)
     assert (code, err) == (3, "")
     assert re.search(rf"NOT certified, out of budget \(.*{option} {value}.*\): \|\|u - u_h\|\|_1 <= ", out)
     (needed,) = re.findall(r"; that needs about (\S+) unknowns, \S+ s and \S+ MB\n", out)
-    code, found, _ = solve_json(run, *arguments[:3], "--max-unknowns", "100")
-    assert float(needed) > 1e4 > found["unknowns"]
-    assert (code, found["certified"]) == (3, False)
-    assert (found["ended"], found["reach"]) == ("out of budget (max_unknowns=100)", None)
-    assert found["total_bound"] >= found["h1_error"]
+    code, records, _ = solve_json(run, *arguments[:3], "--max-unknowns", "100")
+    assert float(needed) > 1e4 > records["unknowns"]
+    assert (code, records["certified"]) == (3, False)
+    assert (records["ended"], records["reach"]) == ("out of budget (max_unknowns=100)", None)
+    assert records["total_bound"] >= records["h1_error"]
 
 
 def interrupt():
@@ -165,13 +167,13 @@ def test_nothing_is_relative_to_a_multiplier_that_is_0(run):
 @pytest.mark.parametrize("done", [0, 1])
 def test_an_interrupt_leaves_the_best_solution_if_there_is_one(run, monkeypatch, done):
     """A signal in the midst of the first level, or of the second; no true errors, which may take long."""
-    own = loop.solve_next_level
+    original = loop.solve_next_level
     count = itertools.count()
 
     def interrupting(*arguments):
         if next(count) == done:
             interrupt()
-        return own(*arguments)
+        return original(*arguments)
 
     monkeypatch.setattr(loop, "solve_next_level", interrupting)
     code, out, err = run("solve", "natural", "--accuracy", "1e-3")
@@ -186,32 +188,32 @@ def test_a_dry_run_says_what_is_needed(run):
 
     Solved are the first levels only, up to one that is large enough.
     """
-    dry = ("solve", LSHAPE, "--accuracy", "0.01", "--dry-run", "--max-seconds", "9999")
+    dry = ["solve", LSHAPE, "--accuracy", "0.01", "--dry-run", "--max-seconds", "9999"]
     code, out, err = run(*dry)
     assert (code, err) == (0, "")
     (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
     assert float(needed) == json.loads(run(*dry, "--json")[1])["unknowns"] > 49_999
     assert "\n  adapted meshes, because a few triangles contribute most of the bound\n" in out
     assert "H = 2h" in out
-    *before, last = (int(level[3]) for level in level_rows(out))
+    *before, last = [int(level[3]) for level in level_rows(out)]
     assert max(before) < forecast.MIN_PLAN_UNKNOWNS <= last < 10 * forecast.MIN_PLAN_UNKNOWNS
-    limited = (*dry, "--max-unknowns", "49999")
-    said = r"; not within --max-unknowns 49999; try --accuracy (0\.02|0\.05)\n"
-    (reach,) = re.findall(said, run(*limited)[1])
+    limited = [*dry, "--max-unknowns", "49999"]
+    text = r"; not within --max-unknowns 49999; try --accuracy (0\.02|0\.05)\n"
+    (reach,) = re.findall(text, run(*limited)[1])
     assert json.loads(run(*limited, "--json")[1])["reach"] == float(reach)
 
 
-def test_a_dry_run_as_json_and_where_nothing_is_known(run):
+def test_a_dry_run_in_json_has_null_where_nothing_is_known(run):
     """lambda_H = 0 says nothing of a part of it."""
-    options = ("--dry-run", "--json", "--max-unknowns", "100", "--accuracy")
+    options = ["--dry-run", "--json", "--max-unknowns", "100", "--accuracy"]
     code, out, _ = run("solve", "natural", *options, "0.01")
-    found = json.loads(out)
-    assert (code, list(found)) == (0, KEYS_OF_PLAN)
-    assert (found["adapted"], found["missed"]) == (True, ["max_unknowns=100"])
-    assert all(found[key] == float(f"{found[key]:.2g}") for key in ("unknowns", "seconds", "peak_mb"))
+    document = json.loads(out)
+    assert (code, list(document)) == (0, KEYS_OF_PLAN)
+    assert (document["adapted"], document["missed"]) == (True, ["max_unknowns=100"])
+    assert all(document[key] == float(f"{document[key]:.2g}") for key in ("unknowns", "seconds", "peak_mb"))
     code, out, _ = run("solve", "no_contact", *options, "0.5", "--norm", "hm12")
     assert (code, json.loads(out)["unknowns"]) == (0, None)
-    as_text = [each for each in options if each != "--json"]
+    as_text = [option for option in options if option != "--json"]
     code, out, _ = run("solve", "no_contact", *as_text, "0.5", "--norm", "hm12")
     assert code == 0
     assert "  plan: unknown, because too little is known yet about the size of the solution" in out
@@ -220,16 +222,16 @@ def test_a_dry_run_as_json_and_where_nothing_is_known(run):
 def test_a_dry_run_that_cannot_go_on_says_why(run, problem_file_of):
     """An iteration that fails, and a wave that nobody can enclose on any mesh; as text and as JSON."""
     steps = ("natural", "--algorithm", "uzawa", "--max-steps", "1")
-    of_steps = steps, "the iteration did not converge (--max-steps, "
-    of_f = (problem_file_of(f="1 + cos(3200*pi*x)", g=0),), "f or g varies too fast or has terms that cancel"
-    for options, why in (of_steps, of_f):
-        dry = ("solve", *options, "--dry-run", "--accuracy", "0.01")
+    step_limit = steps, "the iteration did not converge (--max-steps, "
+    f = (problem_file_of(f="1 + cos(3200*pi*x)", g=0),), "f or g varies too fast or has terms that cancel"
+    for options, why in (step_limit, f):
+        dry = ["solve", *options, "--dry-run", "--accuracy", "0.01"]
         code, out, _ = run(*dry)
         assert code == 0
         assert f"  plan: unknown, {why}" in out
-        found = json.loads(run(*dry, "--json")[1])
-        assert found["ended"].split("(")[0] == why.split("(")[0]
-        assert found["unknowns"] is None
+        document = json.loads(run(*dry, "--json")[1])
+        assert document["ended"].split("(")[0] == why.split("(")[0]
+        assert document["unknowns"] is None
 
 
 def test_an_interrupt_while_true_errors_are_computed_keeps_the_certificate(run, monkeypatch):
@@ -244,17 +246,17 @@ def test_a_limit_before_the_first_level_is_told(run):
     """Nothing is solved in 1e-9 seconds, nor in the MB that are held before: code 3, one line."""
     for option in (("--max-seconds", "1e-09"), ("--max-memory", "1")):
         code, out, err = run("solve", "natural", "--accuracy", "0.1", *option)
-        said = f"unilateral: {' '.join(option)} is not enough to solve on the coarsest mesh of 'square'\n"
-        assert (code, out, err) == (3, "", said)
+        text = f"unilateral: {' '.join(option)} is not enough to solve on the coarsest mesh of 'square'\n"
+        assert (code, out, err) == (3, "", text)
 
 
 def test_where_the_data_are_0_the_table_says_what_is_wanted(run, problem_file_of):
     """The bound of `adaptive.level.ZERO_SOLUTION_BOUND`, not 0, which no bound is below."""
     code, out, _ = run("solve", problem_file_of(f=0, g=0), "--accuracy", "0.1")
-    (*_, total, wanted) = out.splitlines()[2].split()
+    (*_, total, expected) = out.splitlines()[2].split()
     head = out.splitlines()[1].split()
     assert (code, head[-2:]) == (0, ["total", "wanted"])
-    assert float(total) <= float(wanted) == 1e-140
+    assert float(total) <= float(expected) == 1e-140
 
 
 def test_a_refused_mesh_leaves_the_best_solution(run, problem_file_of):
@@ -266,7 +268,7 @@ def test_a_refused_mesh_leaves_the_best_solution(run, problem_file_of):
     assert (code, err.count("\n")) == (3, 1)
     assert refusal in err
     assert re.search(r"NOT certified, the next level is refused: \|\|u - u_h\|\|_1 <= [0-9.]+e", out)
-    code, found, _ = solve_json(run, file, "--accuracy", "1e-1")
-    assert (code, found["certified"]) == (3, False)
-    assert found["unknowns"] > 8
+    code, records, _ = solve_json(run, file, "--accuracy", "1e-1")
+    assert (code, records["certified"]) == (3, False)
+    assert records["unknowns"] > 8
     assert run("solve", file, "--accuracy", "1e-1", "--max-unknowns", "3")[:2] == (2, "")

@@ -23,7 +23,7 @@ WRITERS = {
 
 
 @pytest.fixture(scope="module")
-def judged(tmp_path_factory):
+def judged_folder(tmp_path_factory):
     """A folder with an exported case and a solution of it."""
     folder = tmp_path_factory.mktemp("judged")
     assert main(["export", "natural", *AT, "--out", str(folder / "exported")]) == 0
@@ -32,14 +32,14 @@ def judged(tmp_path_factory):
 
 
 @pytest.fixture
-def typed(run, judged, monkeypatch):
+def run_writer(run, judged_folder, monkeypatch):
     """Runs one of WRITERS in that folder, to which it must add nothing."""
 
     def typing(name):
-        monkeypatch.chdir(judged)
-        before = sorted(judged.iterdir())
+        monkeypatch.chdir(judged_folder)
+        before = sorted(judged_folder.iterdir())
         code, _, err = run(*WRITERS[name])
-        assert sorted(judged.iterdir()) == before
+        assert sorted(judged_folder.iterdir()) == before
         return code, err
 
     return typing
@@ -56,36 +56,36 @@ def deny(monkeypatch, reason):
 
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("reason", [errno.EACCES, errno.EROFS])
-def test_a_place_that_must_not_be_written_is_code_2(typed, monkeypatch, name, reason):
+def test_a_place_that_must_not_be_written_is_code_2(run_writer, monkeypatch, name, reason):
     deny(monkeypatch, reason)
-    code, err = typed(name)
+    code, err = run_writer(name)
     assert (code, err.count("\n")) == (2, 1)
     assert err.startswith("unilateral: new")
     assert err.endswith(f" cannot be written: {os.strerror(reason)}\n")
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_code_4(typed, monkeypatch, name):
+def test_a_full_disk_is_code_4(run_writer, monkeypatch, name):
     """Control."""
     reason = errno.ENOSPC
     deny(monkeypatch, reason)
-    code, err = typed(name)
+    code, err = run_writer(name)
     assert (code, err.count("\n")) == (4, 1)
     assert err.endswith(f" cannot be written: {os.strerror(reason)}\n")
 
 
 @pytest.mark.parametrize("name", sorted(set(WRITERS) - {"solve --out"}))
-def test_a_folder_in_which_nothing_may_be_written_is_code_2(typed, monkeypatch, name):
+def test_a_folder_in_which_nothing_may_be_written_is_code_2(run_writer, monkeypatch, name):
     """As `os.access` tells it before any work; a folder of --out need not be there, and is made."""
     monkeypatch.setattr(os, "access", lambda *_: False)
-    code, err = typed(name)
+    code, err = run_writer(name)
     assert (code, err.count("\n")) == (2, 1)
     assert " cannot be written: nothing may be written in ." in err
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_control_without_a_fault_all_of_them_write(run, judged, monkeypatch, name, tmp_path):
-    monkeypatch.chdir(judged)
+def test_control_without_a_fault_all_of_them_write(run, judged_folder, monkeypatch, name, tmp_path):
+    monkeypatch.chdir(judged_folder)
     *arguments, target = WRITERS[name]
     assert run(*arguments, tmp_path / target)[0] in (0, 1)
     assert (tmp_path / target).exists()

@@ -36,12 +36,12 @@ def solve_json(run, *arguments):
     """The exit code of `solve`, what it prints as JSON, in the documented order, and what it tells."""
     code, out, err = run("solve", *arguments, "--json")
     assert out.count("\n") == 1
-    found = json.loads(out)
-    assert list(found) == KEYS
-    return code, found, err
+    document = json.loads(out)
+    assert list(document) == KEYS
+    return code, document, err
 
 
-def in_python(source, **environment):
+def run_in_python(source, **environment):
     """The exit code of a process that executes this, and what it prints on standard output and error."""
     environment = {**os.environ, **environment}
     command = [sys.executable, "-c", source]

@@ -52,7 +52,7 @@ def test_bounds_take_memory_for_each_unknown():
 
 
 @pytest.mark.parametrize(
-    ("stop", "unknowns", "wanted"),
+    ("stop", "unknowns", "expected"),
     [
         (Stop(), MIN_MULTIGRID_UNKNOWNS, True),
         (Stop(), MIN_MULTIGRID_UNKNOWNS - 1, False),
@@ -61,5 +61,5 @@ def test_bounds_take_memory_for_each_unknown():
         (Stop(algorithm="multigrid"), 1, True),
     ],
 )
-def test_multigrid_is_tried_where_it_pays_or_is_asked_for(stop, unknowns, wanted):
-    assert wants_multigrid(stop, unknowns) == wanted
+def test_multigrid_is_tried_where_it_pays_or_is_asked_for(stop, unknowns, expected):
+    assert wants_multigrid(stop, unknowns) == expected

@@ -50,7 +50,9 @@ TIMES = int(os.environ.get("UNILATERAL_FUZZ", "0")) // 6 or 1
 def wide_coefficients(seed: int) -> tuple[int, str, str]:
     """A seed, k from 1e-12 to 1e12, and c = 0 or in the same range."""
     rng = np.random.default_rng([48, seed])
-    k, c = (f"1e{power}" for power in rng.integers(-12, 13, 2))
+    k_power, c_power = rng.integers(-12, 13, 2)
+    k = f"1e{k_power}"
+    c = f"1e{c_power}"
     return seed, k, c if rng.random() < 0.9 else "0"
 
 
@@ -76,7 +78,7 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     n = len(corners)
     k = sympy.Rational(k)
     c = sympy.Rational(c)
-    a = [sympy.Rational(int(each), 4) for each in rng.integers(-6, 7, 6)]
+    a = [sympy.Rational(int(index), 4) for index in rng.integers(-6, 7, 6)]
     (x0, y0), (x1, _) = corners[:2]
     end = sympy.Rational(x0) + sympy.Rational(x1 - x0) * sympy.Rational(int(rng.integers(1, 8)), 8)
     u = -(Y - y0) * pos(X - end, 2) * (1 + a[0] ** 2) + a[1] * X**2 + a[2] * (Y - y0) ** 2 * X
@@ -90,14 +92,14 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     gaps[0] = str(u - pos(end - X, 2) / 2)
     for side in range(1, n):
         (ax, ay) = [sympy.Rational(z) for z in corners[side % n]]
-        (bx, by) = [sympy.Rational(z) for z in corners[(side + 1) % n]]
-        along = sympy.Rational(1) * (bx - ax), sympy.Rational(1) * (by - ay)
-        flux = (slopes[0] * along[1] - slopes[1] * along[0]) / sympy.sqrt(along[0] ** 2 + along[1] ** 2)
+        (bx, b_y) = [sympy.Rational(z) for z in corners[(side + 1) % n]]
+        dx = sympy.Rational(1) * (bx - ax)
+        dy = sympy.Rational(1) * (b_y - ay)
+        flux = (slopes[0] * dy - slopes[1] * dx) / sympy.sqrt(dx**2 + dy**2)
         t = np.linspace(0, 1, 401)
-        places = float(ax) + t * float(along[0]), float(ay) + t * float(along[1])
-        _, u_x, u_y = exact(*places)
-        values = (u_x * float(along[1]) - u_y * float(along[0])) / math.hypot(*along)
-        slanted = along[0] != 0 and along[1] != 0
+        _, u_x, u_y = exact(float(ax) + t * float(dx), float(ay) + t * float(dy))
+        values = (u_x * float(dy) - u_y * float(dx)) / math.hypot(dx, dy)
+        slanted = dx != 0 and dy != 0
         if rng.random() < 0.4 or side == n - 1 or slanted:
             u_there[side] = str(u)
         elif values.min() > 1e-9 and side not in (1, n - 1):
@@ -113,32 +115,34 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     return Manufactured(problem, exact, float(k), float(c), contact)
 
 
-def solved(of: Manufactured, path: str):
+def solve_by_path(manufactured: Manufactured, path: str):
     h = 1 / 8
     if path == "nested":
-        return ul.solve(of.problem, h=h, H=2 * h, stop=ul.Stop(algorithm="multigrid"))
+        return ul.solve(manufactured.problem, h=h, H=2 * h, stop=ul.Stop(algorithm="multigrid"))
     if path == "adapted":
-        return ul.solve(of.problem, accuracy=0.1, max_unknowns=2000)
+        return ul.solve(manufactured.problem, accuracy=0.1, max_unknowns=2000)
     if path == "foreign":
-        polygon = Polygon(of.problem.polygon.vertices, "own")
-        own = make_unstructured_mesh(polygon, 2 * h)
-        return ul.solve(of.problem, H=2 * h, mesh=ul.mesh(own.points, own.triangles, halvings=1))
-    return ul.solve(of.problem, h=h, H=2 * h, mesh=path if path == "unstructured" else "")
+        polygon = Polygon(manufactured.problem.polygon.vertices, "own")
+        original = make_unstructured_mesh(polygon, 2 * h)
+        return ul.solve(
+            manufactured.problem, H=2 * h, mesh=ul.mesh(original.points, original.triangles, halvings=1)
+        )
+    return ul.solve(manufactured.problem, h=h, H=2 * h, mesh=path if path == "unstructured" else "")
 
 
-def error(of: Manufactured, s) -> float:
+def error(manufactured: Manufactured, s) -> float:
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^(1/2), by a rule of degree 8."""
     mesh = s.mesh
     (hats, weights) = symmetric_rule(8)
     x, y = np.moveaxis(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]), -1, 0)
     slope = np.einsum("tid,ti->dt", gradients(mesh), s.u[mesh.triangles])[..., None]
-    u, u_x, u_y = of.exact(x, y)
-    squares = of.c * (u - s.u[mesh.triangles] @ hats.T) ** 2
-    squares += of.k * ((u_x - slope[0]) ** 2 + (u_y - slope[1]) ** 2)
+    u, u_x, u_y = manufactured.exact(x, y)
+    squares = manufactured.c * (u - s.u[mesh.triangles] @ hats.T) ** 2
+    squares += manufactured.k * ((u_x - slope[0]) ** 2 + (u_y - slope[1]) ** 2)
     return math.sqrt(float(mesh.areas @ (squares @ weights)))
 
 
-def dual_error(of: Manufactured, s) -> float:
+def dual_error(manufactured: Manufactured, s) -> float:
     """A lower bound on the dual norm of lambda - lambda_H: the supremum over P1 on the mesh, refined once."""
     mesh = refine_uniformly(s.mesh)
     clamped = s.problem.clamped_sides
@@ -149,31 +153,31 @@ def dual_error(of: Manufactured, s) -> float:
     x = 0.5 * (x + 1)
     w = 0.5 * w
     lengths = np.diff(mesh.s)
-    for edge in np.flatnonzero(np.isin(mesh.side, of.contact)):
+    for edge in np.flatnonzero(np.isin(mesh.side, manufactured.contact)):
         side = mesh.side[edge]
         ends = mesh.boundary[[edge, (edge + 1) % len(mesh.boundary)]]
         places = mesh.points[ends[0]] + x[:, None] * (mesh.points[ends[1]] - mesh.points[ends[0]])
         normal = mesh.polygon.normals[side]
-        _, u_x, u_y = of.exact(*places.T)
-        flux = of.k * (u_x * normal[0] + u_y * normal[1])
+        _, u_x, u_y = manufactured.exact(*places.T)
+        flux = manufactured.k * (u_x * normal[0] + u_y * normal[1])
         t = mesh.s[edge] - mesh.polygon.starts[side] + x * lengths[edge]
         weighted = lengths[edge] * w * (flux - s.lambda_at(side, t))
         load[ends] += [weighted @ (1 - x), weighted @ x]
     load[fixed] = 0.0
-    v = spla.spsolve(decouple_nodes((of.k * K + of.c * M).tocsr(), fixed).tocsc(), load)
+    v = spla.spsolve(decouple_nodes((manufactured.k * K + manufactured.c * M).tocsr(), fixed).tocsc(), load)
     return math.sqrt(max(float(v @ load), 0.0))
 
 
 @pytest.mark.parametrize(("seed", "k", "c"), OF_RANDOM)
 def test_bounds_are_above_the_true_errors(seed: int, k: object, c: object) -> None:
     """u is in H^2. Each path has its turn with each pair of coefficients."""
-    of = random_problem(seed, k, c)
-    s = solved(of, PATHS[seed % len(PATHS)])
-    of_u = error(of, s)
-    of_lambda = dual_error(of, s)
+    problem = random_problem(seed, k, c)
+    s = solve_by_path(problem, PATHS[seed % len(PATHS)])
+    u_error = error(problem, s)
+    lambda_error = dual_error(problem, s)
     for bounds in (s.bounds, s.sharp_bounds):
-        assert of_u <= bounds.u
-        assert of_lambda <= bounds.multiplier
+        assert u_error <= bounds.u
+        assert lambda_error <= bounds.multiplier
 
 
 @pytest.mark.parametrize(("seed", "k", "c"), WIDE)
@@ -183,42 +187,42 @@ def test_bounds_do_not_mind_coefficients(seed: int, k: str, c: str) -> None:
     These limits were set before any of these problems was solved. Before the flux and the norm of its
     residual knew c/k, the quotient for a smooth u was like h (c/k)^(1/2).
     """
-    of = random_problem(seed, k, c)
-    s = solved(of, PATHS[seed % len(PATHS)])
-    of_u = error(of, s)
-    of_lambda = dual_error(of, s)
-    assert of_u <= s.bounds.u <= 10 * of_u
-    assert of_u <= s.sharp_bounds.u <= 5 * of_u
-    assert of_lambda <= min(s.bounds.multiplier, s.sharp_bounds.multiplier)
+    problem = random_problem(seed, k, c)
+    s = solve_by_path(problem, PATHS[seed % len(PATHS)])
+    u_error = error(problem, s)
+    lambda_error = dual_error(problem, s)
+    assert u_error <= s.bounds.u <= 10 * u_error
+    assert u_error <= s.sharp_bounds.u <= 5 * u_error
+    assert lambda_error <= min(s.bounds.multiplier, s.sharp_bounds.multiplier)
 
 
 @pytest.fixture(scope="module")
-def without_reaction() -> ul.Solution:
+def solution_without_reaction() -> ul.Solution:
     """The adapted solution of a problem with c = 0, beside which tiny reactions are put."""
-    return solved(random_problem(67, 1_000_000, 0), "adapted")
+    return solve_by_path(random_problem(67, 1_000_000, 0), "adapted")
 
 
 @pytest.mark.parametrize("c", [f"1/{10**n}" for n in (3, 6, 9, 24)])
-def test_a_tiny_reaction_costs_no_accuracy(c, without_reaction) -> None:
+def test_a_tiny_reaction_costs_no_accuracy(c, solution_without_reaction) -> None:
     """c u is next to nothing beside f. One per cent is room for what the terms with c add."""
-    s = solved(random_problem(67, 1_000_000, c), "adapted")
+    s = solve_by_path(random_problem(67, 1_000_000, c), "adapted")
     assert s.search.certified
-    assert len(s.u) == len(without_reaction.u)
-    assert s.bounds.u == pytest.approx(without_reaction.bounds.u, rel=0.01)
+    assert len(s.u) == len(solution_without_reaction.u)
+    assert s.bounds.u == pytest.approx(solution_without_reaction.bounds.u, rel=0.01)
 
 
-@pytest.mark.parametrize(("clamped", "told"), [((), True), ((3,), False)])
-def test_levels_beside_clamped_sides_are_compared_by_norms_alone(clamped, told) -> None:
+@pytest.mark.parametrize(("clamped", "report"), [((), True), ((3,), False)])
+def test_levels_beside_clamped_sides_are_compared_by_norms_alone(clamped, report) -> None:
     """Integrals that are apart say nothing of u - u_h that does not vanish there. Norms do: the control."""
 
     def level(u_norm: float, u_integral: float) -> SimpleNamespace:
-        known = {"u_norm": u_norm, "u_integral": u_integral, "force": 0.0}
+        expected = {"u_norm": u_norm, "u_integral": u_integral, "force": 0.0}
         partition = SimpleNamespace(polygon=SimpleNamespace(area=1.0))
         mesh = SimpleNamespace(exact_mesh_factor=1.0)
-        solved = SimpleNamespace(form=Form(clamped=clamped), mesh=mesh, **known)
+        solved = SimpleNamespace(form=Form(clamped=clamped), mesh=mesh, **expected)
         return SimpleNamespace(solved=solved, partition=partition, bound=SimpleNamespace(u=0.1, lambda_=0.1))
 
-    assert contradict(level(1.0, 0.0), level(1.0, 1.0)) == told
+    assert contradict(level(1.0, 0.0), level(1.0, 1.0)) == report
     assert contradict(level(1.0, 0.0), level(2.0, 0.0))
     assert not contradict(level(1.0, 0.0), level(1.1, 0.1))
 
@@ -234,18 +238,18 @@ def test_a_mesh_without_a_node_in_contact_is_refused() -> None:
 
 def test_most_bounds_are_near_the_errors() -> None:
     """The median of the cheap bound over the error is below 1.3 on meshes that resolve u."""
-    found = []
+    indices = []
     for seed, (k, c) in enumerate(COEFFICIENTS * 2):
-        of = random_problem(seed, k, c)
-        s = ul.solve(of.problem, h=1 / 16, H=1 / 8)
-        found.append(s.bounds.u / error(of, s))
-    assert statistics.median(found) < 1.3
+        problem = random_problem(seed, k, c)
+        s = ul.solve(problem.problem, h=1 / 16, H=1 / 8)
+        indices.append(s.bounds.u / error(problem, s))
+    assert statistics.median(indices) < 1.3
 
 
 WAVE = "sin(8*pi*x)"
 
 
-def unseen(c: object) -> object:
+def make_unseen_problem(c: object) -> object:
     """A problem whose u_D is 0 at the nodes of a mesh with h = 1/4: u_h = 0."""
     return ul.Problem(POLYGONS["square"], 0, [-2, -2, None, -2], u={2: WAVE}, c=c)
 
@@ -253,18 +257,18 @@ def unseen(c: object) -> object:
 @pytest.mark.parametrize("c", [0, 1])
 def test_what_nodes_do_not_see_of_u_on_a_clamped_side_is_in_the_bounds(c, monkeypatch) -> None:
     """u is about sin(8 pi x) exp(8 pi (y - 1)), whose squared norm is 4 pi. Control: without the lifting."""
-    s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
+    s = ul.solve(make_unseen_problem(c), h=1 / 4, H=1 / 2)
     assert np.abs(s.u).max() < 1e-12
     for bounds in (s.bounds, s.sharp_bounds):
         assert math.sqrt(4 * math.pi) * 0.999 < bounds.u < 3 * math.sqrt(4 * math.pi)
     short = feasible._edge_shortfalls
 
-    def without(g, form, v, touching, flux):
-        squares, *rest = short(g, form, v, touching, flux)
-        return np.where(g.clamped_edges, 0.0, squares), *rest
+    def drop_clamped_shortfall(g, form, v, touching, flux):
+        squares, *remaining = short(g, form, v, touching, flux)
+        return np.where(g.clamped_edges, 0.0, squares), *remaining
 
-    monkeypatch.setattr(feasible, "_edge_shortfalls", without)
-    s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
+    monkeypatch.setattr(feasible, "_edge_shortfalls", drop_clamped_shortfall)
+    s = ul.solve(make_unseen_problem(c), h=1 / 4, H=1 / 2)
     assert s.bounds.u < math.sqrt(4 * math.pi)
 
 
@@ -277,14 +281,16 @@ def test_a_kink_beside_which_places_are_rounded_counts() -> None:
     problem = ul.Problem(corners, 0, [None, -1e9, None, None], [0, 2], u={3: "1e6*pos(y - 1/2, 1)"}, c=0)
     kinked = problem.enclosed_obstacle
     mesh = make_unstructured_mesh(problem.polygon, 1 / 8)
-    known = replace(kinked, slope_remainder=np.zeros_like(kinked.slope_remainder))
+    expected = replace(kinked, slope_remainder=np.zeros_like(kinked.slope_remainder))
 
-    def norm(of) -> float:
-        return build_constraint(of, mesh, Form(c=0.0, clamped=(3,), free=(0, 1, 2))).slope_remainder.max()
+    def norm(functional) -> float:
+        return build_constraint(
+            functional, mesh, Form(c=0.0, clamped=(3,), free=(0, 1, 2))
+        ).slope_remainder.max()
 
-    least = 1e6 * math.sqrt(2 * 8 * np.spacing(problem.polygon.perimeter))
-    assert least <= norm(known) <= norm(kinked)
-    assert norm(replace(known, end_slope_remainder=known.slope_remainder)) < 0.1 * least
+    minimum = 1e6 * math.sqrt(2 * 8 * np.spacing(problem.polygon.perimeter))
+    assert minimum <= norm(expected) <= norm(kinked)
+    assert norm(replace(expected, end_slope_remainder=expected.slope_remainder)) < 0.1 * minimum
 
 
 @pytest.mark.parametrize(("c", "square"), [(0, 1 / 3), (1, 1 - math.tanh(1))])
@@ -295,13 +301,13 @@ def test_divergence_counts_by_friedrichs_constant(c, square, share, monkeypatch)
     u = x(2 - x)/2, or 1 - cosh(1 - x)/cosh(1), and ||u||^2 is its integral.
     """
     problem = ul.Problem(POLYGONS["square"], 1, -1, [0, 1, 2], c=c, u={3: 0})
-    found = ul.solve(problem, h=1 / 4, H=1 / 2).solved
-    form = found.form
+    solved = ul.solve(problem, h=1 / 4, H=1 / 2).solved
+    form = solved.form
     weaker = form._replace(friedrichs=share * form.friedrichs)
     monkeypatch.setattr(
         local_bounds, "equilibrate_flux", lambda mesh, *_: np.zeros((2, len(mesh.triangulation.ends)))
     )
-    bound = replace(found, form=weaker, u_h=np.zeros_like(found.u_h)).local_bound.u
+    bound = replace(solved, form=weaker, u_h=np.zeros_like(solved.u_h)).local_bound.u
     assert (bound >= math.sqrt(square)) == (share == 1.0)
 
 
@@ -333,25 +339,31 @@ def exact_reactions() -> tuple[object, dict[int, float]]:
 def test_forces_and_reactions_lie_in_their_intervals(sharp) -> None:
     problem, exact = exact_reactions()
     s = ul.solve(problem, h=1 / 16, H=1 / 8)
-    found = s.forces(sharp)
-    for force, true in ((found.sides[1], exact[1]), (found.reactions[3,], exact[3]), (found.whole, exact[1])):
+    forces = s.forces(sharp)
+    for force, true in (
+        (forces.sides[1], exact[1]),
+        (forces.reactions[3,], exact[3]),
+        (forces.whole, exact[1]),
+    ):
         assert force.lower <= true <= force.upper
         assert force.upper - force.lower < 0.2
-    both = s.force(sharp, sides=[1, 3])
-    assert both.lower <= 2.0 <= both.upper
+    pair = s.force(sharp, sides=[1, 3])
+    assert pair.lower <= 2.0 <= pair.upper
 
 
 def test_forces_and_reactions_of_a_function_are_those_of_its_formula() -> None:
     """f and u are linear, and so the functions between nodes."""
-    data = {"free_sides": [0, 2], "c": 0, "u": {3: "y"}, "q": [-1, None, 1, None]}
-    of_both = [
-        ul.Problem(POLYGONS["square"], f, [None, "1 + y", None, None], **data)
+    side_data = {"free_sides": [0, 2], "c": 0, "u": {3: "y"}, "q": [-1, None, 1, None]}
+    pair = [
+        ul.Problem(POLYGONS["square"], f, [None, "1 + y", None, None], **side_data)
         for f in (-2, lambda x, y: 0 * x - 2)
     ]
-    known, found = (ul.solve(of, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10)).forces() for of in of_both)
-    assert found.whole.value == pytest.approx(known.whole.value, abs=1e-8)
-    np.testing.assert_allclose(found.whole, known.whole, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(found.reactions[3,], known.reactions[3,], rtol=0, atol=1e-7)
+    expected, computed = [
+        ul.solve(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10)).forces() for problem in pair
+    ]
+    assert computed.whole.value == pytest.approx(expected.whole.value, abs=1e-8)
+    np.testing.assert_allclose(computed.whole, expected.whole, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(computed.reactions[3,], expected.reactions[3,], rtol=0, atol=1e-7)
 
 
 def test_reactions_without_the_flux_through_the_side_are_noticed(monkeypatch) -> None:
@@ -367,11 +379,11 @@ def test_reactions_without_the_flux_through_the_side_are_noticed(monkeypatch) ->
 def test_where_flow_through_a_side_cancels_its_rounding_counts(monkeypatch) -> None:
     """As if 1e17 had flown in and out: units in its last place are 16. The width without it is < 1."""
     problem = ul.Problem(POLYGONS["square"], 1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
-    known = local_bounds.outflows
+    known_outflows = local_bounds.outflows
     before = ul.solve(problem, h=1 / 16, H=1 / 8).forces().reactions[3,]
     assert before.upper - before.lower < 1
-    more = np.array([[0.0], [1e17]])
-    monkeypatch.setattr(local_bounds, "outflows", lambda *of: known(*of) + more)
+    extra = np.array([[0.0], [1e17]])
+    monkeypatch.setattr(local_bounds, "outflows", lambda *arguments: known_outflows(*arguments) + extra)
     force = ul.solve(problem, h=1 / 16, H=1 / 8).forces().reactions[3,]
     assert min(force.value - force.lower, force.upper - force.value) > np.spacing(1e17)
 
@@ -403,19 +415,19 @@ def test_a_membrane_clamped_at_one_side_rests_on_a_bump_at_the_other() -> None:
     problem = ul.Problem(
         POLYGONS["square"], -1, [None, "-1/10 - (y - 1/2)**2", None, None], [0, 2], c=0, u={3: 0}
     )
-    given = ul.solve(problem, h=1 / 32, H=1 / 16)
+    solution = ul.solve(problem, h=1 / 32, H=1 / 16)
     nested = ul.solve(problem, h=1 / 32, H=1 / 16, stop=ul.Stop(algorithm="multigrid"))
     adapted = ul.solve(problem, accuracy=0.02)
     assert adapted.certified
     for s in (nested, adapted):
         force = s.forces().sides[1]
-        other = given.forces().sides[1]
-        assert force.lower <= other.upper
-        assert other.lower <= force.upper
-    (interval,) = given.contact.intervals
+        other_side = solution.forces().sides[1]
+        assert force.lower <= other_side.upper
+        assert other_side.lower <= force.upper
+    (interval,) = solution.contact.intervals
     assert interval.side == 1
     assert interval.start + interval.end == pytest.approx(1, abs=1 / 8)
-    assert np.abs(nested.u - given.u).max() < 1e-4
+    assert np.abs(nested.u - solution.u).max() < 1e-4
 
 
 @pytest.mark.parametrize(("c", "f"), [(0, "0"), (1, "x - 2*y + 1")])
@@ -448,14 +460,14 @@ def test_matrices_have_the_equations_of_all_other_nodes() -> None:
     )
     solver = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10))
     s = solver()
-    of = solver.matrices()
+    matrices = solver.matrices()
     free = ~Form(c=0.0, clamped=(3,)).clamped_nodes(s.mesh)
-    left = of.A @ s.u - of.B.T @ s.multiplier[of.cells] - of.F
-    assert np.abs(left[free]).max() < 1e-9
-    assert np.abs(left[~free]).max() > 1e-3
-    B = of.B.toarray()[:, free]
-    exact = B @ np.linalg.solve(of.A.toarray()[np.ix_(free, free)], B.T)
-    assert np.allclose(of.D, exact, rtol=1e-10, atol=0)
+    remaining = matrices.A @ s.u - matrices.B.T @ s.multiplier[matrices.cells] - matrices.F
+    assert np.abs(remaining[free]).max() < 1e-9
+    assert np.abs(remaining[~free]).max() > 1e-3
+    B = matrices.B.toarray()[:, free]
+    exact = B @ np.linalg.solve(matrices.A.toarray()[np.ix_(free, free)], B.T)
+    assert np.allclose(matrices.D, exact, rtol=1e-10, atol=0)
 
 
 def test_a_solver_of_a_case_with_other_data_keeps_its_clamped_sides() -> None:
@@ -476,7 +488,7 @@ def test_errors_name_the_norm_that_they_are_in() -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "free", "found"),
+    ("component", "free", "computed"),
     [
         ([3], [], [(0, 0), (3, 0)]),
         ([0], [], [(0, 1)]),
@@ -487,11 +499,11 @@ def test_errors_name_the_norm_that_they_are_in() -> None:
         ([1], [], []),
     ],
 )
-def test_one_bound_conflicts_where_a_part_ends_between_clamp_and_contact(part, free, found) -> None:
+def test_one_bound_conflicts_where_a_part_ends_between_clamp_and_contact(component, free, computed) -> None:
     """On a square clamped at side 3; vertex 0 is where sides 3 and 0 meet.
 
     w = 1 on the part. If that is the clamp, w is too large beside it for the bound below; if it is the side
     with contact, w = 0 on the clamp is too small for the one above. Free sides have no force.
     """
     clamps = no_reactions(4)._replace(form=Form(c=0.0, clamped=(3,), free=tuple(free)))
-    assert find_conflicts(np.array(part), clamps) == found
+    assert find_conflicts(np.array(component), clamps) == computed

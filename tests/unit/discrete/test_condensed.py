@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sentences
-from conftest import DATA, coupled, discrete, exact_errors
+from conftest import DATA, couple_structured_mesh, discrete, exact_errors
 from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
@@ -29,7 +29,7 @@ on_every_case = pytest.mark.parametrize("name", NAMES)
 
 
 @cache
-def solved(name, n=16, m=8):
+def solve_case(name, n=16, m=8):
     return solve_condensed_problem(discrete(name, n, m))
 
 
@@ -41,95 +41,99 @@ ON_POLYGONS += [(name, "lshape") for name in ("full_contact", "no_contact", "smo
 def test_h1_error_is_the_distance(name, polygon):
     """The identities against quadrature of u - u_h itself."""
     n = {"square": 16, "lshape": 8}[polygon]
-    made = discrete(name, n, n // 2, polygon)
-    ritz = made.exact.ritz
-    solution = solve_condensed_problem(made)
-    distance = h1_distance(ritz.case, made.mesh, solution.u_h)
-    error = exact_errors(made, solution).h1
+    discrete_problem = discrete(name, n, n // 2, polygon)
+    ritz = discrete_problem.exact.ritz
+    solution = solve_condensed_problem(discrete_problem)
+    distance = h1_distance(ritz.case, discrete_problem.mesh, solution.u_h)
+    error = exact_errors(discrete_problem, solution).h1
     assert error == pytest.approx(distance, rel=1e-8, abs=1e-10 * ritz.u_norm)
     assert not math.isclose(error, ritz.ritz_error + 0.01 * distance, rel_tol=1e-8)
 
 
-def split_defect(made, solution, sign=1.0):
+def split_defect(sample, solution, sign=1.0):
     """The defect of ||u - u_h||^2 = ||u - z_h||^2 + ||lambda - lambda_H||^2_{-1/2,h}, and ||u - u_h||^2.
 
     z_h and the discrete norm by solves with the whole matrix, u's distances by quadrature.
     """
-    problem = made.exact.ritz
-    mesh = made.exact.ritz.condensed.mesh
-    A = made.exact.ritz.condensed.A.tocsc()
+    problem = sample.exact.ritz
+    mesh = sample.exact.ritz.condensed.mesh
+    A = sample.exact.ritz.condensed.A.tocsc()
     extended = np.zeros(mesh.n_nodes)
     total = problem.load.copy()
-    extended[mesh.boundary] = problem.multiplier_load - sign * (made.spaces.B.T @ solution.lambda_H)
+    extended[mesh.boundary] = problem.multiplier_load - sign * (sample.spaces.B.T @ solution.lambda_H)
     total[mesh.boundary] += problem.multiplier_load
     z_h = spsolve(A, total)
     dual_square = extended @ spsolve(A, extended)
-    of_u = h1_distance(problem.case, mesh, solution.u_h) ** 2
-    of_z = h1_distance(problem.case, mesh, z_h) ** 2
-    return abs(of_u - of_z - dual_square), of_u
+    u = h1_distance(problem.case, mesh, solution.u_h) ** 2
+    z = h1_distance(problem.case, mesh, z_h) ** 2
+    return abs(u - z - dual_square), u
 
 
 @on_every_case
-def test_the_exact_split(name):
+def test_the_error_splits_exactly(name):
     """To rounding where the quadrature of smooth u leaves only that, else to its share."""
-    made = discrete(name, 16, 8)
-    solution = solved(name)
-    defect, square_of_error = split_defect(made, solution)
+    discrete_problem = discrete(name, 16, 8)
+    solution = solve_case(name)
+    defect, square_of_error = split_defect(discrete_problem, solution)
     smooth = name in ("full_contact", "no_contact")
-    assert defect <= (1e-10 * made.exact.ritz.u_norm**2 if smooth else 1e-4 * square_of_error)
-    share = exact_errors(made, solution).quadrature_share
+    assert defect <= (1e-10 * discrete_problem.exact.ritz.u_norm**2 if smooth else 1e-4 * square_of_error)
+    share = exact_errors(discrete_problem, solution).quadrature_share
     assert defect / square_of_error == pytest.approx(share, rel=1e-3, abs=1e-10)
     assert share <= 1e-4
 
 
 @pytest.mark.parametrize("name", WITH_LAMBDA)
 def test_a_sign_error_in_the_coupling_breaks_the_split(name):
-    defect, square_of_error = split_defect(discrete(name, 16, 8), solved(name), sign=-1.0)
+    defect, square_of_error = split_defect(discrete(name, 16, 8), solve_case(name), sign=-1.0)
     assert defect > 1e-2 * square_of_error
 
 
 @pytest.mark.parametrize("name", ["smooth", "thirds"])
 def test_quadratures_share_shrinks_with_the_degree(name):
     problems = [discrete(name, 16, 8, degree=degree) for degree in (4, 8, 16)]
-    shares = [exact_errors(made, solve_condensed_problem(made)).quadrature_share for made in problems]
+    shares = [
+        exact_errors(problem, solve_condensed_problem(problem)).quadrature_share for problem in problems
+    ]
     assert shares[2] < 0.5 * shares[1] < 0.25 * shares[0]
 
 
 def test_no_contact_has_no_multiplier():
-    assert not np.any(solved("no_contact").lambda_H)
+    assert not np.any(solve_case("no_contact").lambda_H)
 
 
 @pytest.mark.parametrize("start", [0.0, 2.0])
-def test_a_constant_in_contact_without_force(start):
+def test_a_constant_that_touches_the_obstacle_needs_no_force(start):
     """f = 1 = g: u_h = 1 touches the obstacle and lambda_H = 0."""
-    spaces = coupled("square", 16, 8)
-    on = spaces.condensed
+    spaces = couple_structured_mesh("square", 16, 8)
+    condensed = spaces.condensed
     lengths = spaces.partition.lengths
-    load = on.A @ np.ones(on.mesh.n_nodes)
-    made = build_condensed_problem(spaces, load, on.solve(load)[on.mesh.boundary], np.ones(len(lengths)))
-    result = uzawa(spaces.operator, made.offset, 1e-12, start=np.full(len(lengths), start))
+    load = condensed.A @ np.ones(condensed.mesh.n_nodes)
+    condensed_problem = build_condensed_problem(
+        spaces, load, condensed.solve(load)[condensed.mesh.boundary], np.ones(len(lengths))
+    )
+    result = uzawa(spaces.operator, condensed_problem.offset, 1e-12, start=np.full(len(lengths), start))
     root = math.sqrt(spaces.operator.lambda_min)
     np.testing.assert_allclose(result.lambda_H, 0, rtol=0, atol=1e-12 / (root * math.sqrt(lengths.min())))
-    np.testing.assert_allclose(made.response(result.lambda_H), 1, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(condensed_problem.response(result.lambda_H), 1, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [1, 2, 4])
 @on_every_case
-def test_the_global_balance(name, ratio):
+def test_the_solution_is_balanced_globally(name, ratio):
     """v = 1 in (2.1): int u_h - int f = int lambda_H, here from u_h's own integral too."""
-    made = discrete(name, 16, 16 // ratio)
-    solution = solved(name, 16, 16 // ratio)
-    mesh = made.exact.ritz.condensed.mesh
+    discrete_problem = discrete(name, 16, 16 // ratio)
+    solution = solve_case(name, 16, 16 // ratio)
+    mesh = discrete_problem.exact.ritz.condensed.mesh
     integral = mesh.areas @ solution.u_h[mesh.triangles].mean(axis=1)
-    force = made.exact.cell_means.partition.lengths @ solution.lambda_H
-    assert abs(integral - made.exact.ritz.load.sum() - force) < 1e-10
-    assert made.balance(solution) < 1e-10
+    force = discrete_problem.exact.cell_means.partition.lengths @ solution.lambda_H
+    assert abs(integral - discrete_problem.exact.ritz.load.sum() - force) < 1e-10
+    assert discrete_problem.balance(solution) < 1e-10
 
 
 @pytest.mark.parametrize("name", WITH_LAMBDA)
-def test_l2_error_by_quadrature(name):
+def test_the_l2_error_of_lambda_is_that_by_quadrature(name):
     cells = discrete(name, 16, 8).exact.cell_means
-    solution = solved(name)
+    solution = solve_case(name)
     case = discrete(name, 16, 8).exact.ritz.case
     rule = boundary_rule(case.polygon, cells.partition.points, case.singular_points())
     _, flux, _ = case.trace_flux_and_gap(rule.side, rule.s)
@@ -158,7 +162,7 @@ def test_natural_as_getfem_has_it(stop):
 def test_a_wrong_power_is_not_what_getfem_has(case_like):
     atom = {"atom": "harmonic", "side": 0, "at": "1/2", "alpha": "0.6", "times": "3/2"}
     case = case_like("natural", u=[atom, cases.read_case_declaration("natural")[0]["u"][1]])
-    spaces = coupled("square", 32, 16)
+    spaces = couple_structured_mesh("square", 32, 16)
     assert (
         np.abs(
             solve_condensed_problem(discretise_case(spaces, project_case(case, spaces))).lambda_H - getfem()
@@ -170,41 +174,41 @@ def test_a_wrong_power_is_not_what_getfem_has(case_like):
 @on_every_case
 def test_the_algebraic_error_is_a_hundredth_of_each_error(name):
     """Divided by the norm equivalences of the L2 and the H^(-1/2) norm; ||.||_{-1/2} >= ||.||_{-1/2,h}."""
-    made = discrete(name, 16, 8)
-    solution = solved(name)
+    discrete_problem = discrete(name, 16, 8)
+    solution = solve_case(name)
     bound = solution.result.bound
-    lambda_min = made.spaces.operator.lambda_min
+    lambda_min = discrete_problem.spaces.operator.lambda_min
     assert solution.result.converged
-    errors = exact_errors(made, solution)
+    errors = exact_errors(discrete_problem, solution)
     assert bound <= 0.01 * errors.h1
     if name != "no_contact":
         assert bound / math.sqrt(lambda_min) <= 0.01 * errors.l2
-        assert bound / made.spaces.beta <= 0.01 * errors.hm12_discrete
+        assert bound / discrete_problem.spaces.beta <= 0.01 * errors.hm12_discrete
 
 
 def test_auto_takes_plain_uzawa_where_beta_is_positive():
-    assert solved("natural").result.algorithm == "uzawa"
+    assert solve_case("natural").result.algorithm == "uzawa"
 
 
 def test_auto_takes_the_active_set_where_beta_is_zero():
     """At H = h, where lambda is not judged and its errors are NaN."""
-    solution = solved("natural", 16, 16)
+    solution = solve_case("natural", 16, 16)
     assert solution.result.algorithm == "active_set"
     errors = exact_errors(discrete("natural", 16, 16), solution)
     assert math.isnan(errors.l2)
     assert math.isnan(errors.hm12_discrete)
-    known = exact_errors(discrete("natural", 16, 8), solved("natural"))
-    assert errors.h1 == pytest.approx(known.h1, rel=0.2)
+    known_exact_errors = exact_errors(discrete("natural", 16, 8), solve_case("natural"))
+    assert errors.h1 == pytest.approx(known_exact_errors.h1, rel=0.2)
 
 
 def test_auto_accelerates_where_too_many_steps_are_predicted():
-    made = discrete("natural", 16, 8)
-    plain = solved("natural")
-    fast = solve_condensed_problem(made, Stop(max_steps=int(plain.result.iterations) // 2))
+    discrete_problem = discrete("natural", 16, 8)
+    plain = solve_case("natural")
+    fast = solve_condensed_problem(discrete_problem, Stop(max_steps=int(plain.result.iterations) // 2))
     assert fast.result.algorithm == "nesterov"
     assert fast.result.converged
     assert fast.result.iterations < plain.result.iterations / 3
-    errors = [exact_errors(made, each).h1 for each in (fast, plain)]
+    errors = [exact_errors(discrete_problem, solution).h1 for solution in (fast, plain)]
     assert errors[0] == pytest.approx(errors[1], rel=1e-3)
 
 
@@ -231,21 +235,26 @@ def test_what_cannot_be_done_is_refused(stop):
 @pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov", "uzawa"])
 def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm):
     """The bound is guaranteed, so 1e-9 of it separates any two of them by no more than 2e-9 in the energy."""
-    made = discrete("natural", 16, 8)
-    expected = solve_condensed_problem(made, Stop(tolerance=1e-9, algorithm="active_set")).result
-    found = solve_condensed_problem(made, Stop(tolerance=1e-9, algorithm=algorithm)).result
-    assert found.algorithm == algorithm
-    assert np.linalg.norm(made.spaces.operator.D_factor @ (found.lambda_H - expected.lambda_H)) <= 2e-9
+    discrete_problem = discrete("natural", 16, 8)
+    expected = solve_condensed_problem(discrete_problem, Stop(tolerance=1e-9, algorithm="active_set")).result
+    result = solve_condensed_problem(discrete_problem, Stop(tolerance=1e-9, algorithm=algorithm)).result
+    assert result.algorithm == algorithm
+    assert (
+        np.linalg.norm(discrete_problem.spaces.operator.D_factor @ (result.lambda_H - expected.lambda_H))
+        <= 2e-9
+    )
 
 
 def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():
     """Of all mu with the discrete norm of the bound one has the largest norm, at least in its lower bound."""
-    on = discrete("natural", 16, 8)
+    discrete_problem = discrete("natural", 16, 8)
     gram = build_dual_norm(make_uniform_partition(square(), 1 / 8)).gram()
-    found = on.iterate(1e-3, Stop())
-    ratios, vectors = eigh(gram.p0.lower, on.spaces.operator.D)
-    mu = found.result.bound * vectors[:, -1]
-    assert np.linalg.norm(on.spaces.operator.D_factor @ mu) == pytest.approx(found.result.bound)
-    norm = math.sqrt(ratios[-1]) * found.result.bound
-    assert 1.05 * found.result.bound < norm <= found.algebraic_bound("hm12")
-    assert found.algebraic_bound("h1") == found.result.bound
+    solved = discrete_problem.iterate(1e-3, Stop())
+    ratios, vectors = eigh(gram.p0.lower, discrete_problem.spaces.operator.D)
+    mu = solved.result.bound * vectors[:, -1]
+    assert np.linalg.norm(discrete_problem.spaces.operator.D_factor @ mu) == pytest.approx(
+        solved.result.bound
+    )
+    norm = math.sqrt(ratios[-1]) * solved.result.bound
+    assert 1.05 * solved.result.bound < norm <= solved.algebraic_bound("hm12")
+    assert solved.algebraic_bound("h1") == solved.result.bound

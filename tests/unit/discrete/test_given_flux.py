@@ -30,7 +30,7 @@ class Known:
 
     polygon: list
     u: str
-    held: dict
+    gaps: dict
     k: int = 1
     c: int = 1
 
@@ -41,21 +41,21 @@ class Known:
     @cached_property
     def fluxes(self):
         """k du/dn on all sides, exact."""
-        return [self.k * of_u for of_u in fluxes(self.formula, self.polygon)]
+        return [self.k * u for u in fluxes(self.formula, self.polygon)]
 
     @cached_property
     def problem(self):
         u = self.formula
         f = -self.k * (u.diff(X, 2) + u.diff(Y, 2)) + self.c * u
         sides = range(len(self.polygon))
-        g = [f"{self.u} - ({self.held[i]})" if i in self.held else None for i in sides]
-        q = [None if i in self.held else str(self.fluxes[i]) for i in sides]
-        free = [i for i in sides if i not in self.held]
+        g = [f"{self.u} - ({self.gaps[i]})" if i in self.gaps else None for i in sides]
+        q = [None if i in self.gaps else str(self.fluxes[i]) for i in sides]
+        free = [i for i in sides if i not in self.gaps]
         return ul.Problem(self.polygon, str(f), g, free, k=self.k, c=self.c, q=q)
 
-    def error(self, found):
+    def error(self, computed):
         """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^(1/2)."""
-        return h1_errors(self.formula, found.mesh, [found.u], k=self.k, c=self.c)[0]
+        return h1_errors(self.formula, computed.mesh, [computed.u], k=self.k, c=self.c)[0]
 
     def force(self, side):
         """The integral of k du/dn over a side, by Gauss's rule of 20 points."""
@@ -82,23 +82,23 @@ PROBLEMS = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_solutions_solve_their_problems(name):
     """lambda >= 0, gap >= 0, one of both 0, in points of the sides that are held."""
-    of = PROBLEMS[name]
+    problem = PROBLEMS[name]
     t = np.linspace(0, 1, 101)[:, None]
-    for side, gap in of.held.items():
-        start = np.array(of.polygon[side % len(of.polygon)], dtype=float)
-        end = np.array(of.polygon[(side + 1) % len(of.polygon)], dtype=float)
+    for side, gap in problem.gaps.items():
+        start = np.array(problem.polygon[side % len(problem.polygon)], dtype=float)
+        end = np.array(problem.polygon[(side + 1) % len(problem.polygon)], dtype=float)
         x, y = (start + t * (end - start)).T
         flux, apart = compile_numpy(
-            [of.fluxes[side], symbolic(parse_formula(gap, ("x", "y"), "gap"))], (X, Y)
+            [problem.fluxes[side], symbolic(parse_formula(gap, ("x", "y"), "gap"))], (X, Y)
         )(x, y)
         assert np.all((flux >= -1e-14) & (apart >= 0))
         assert np.all((np.abs(flux) <= 1e-14) | (apart == 0))
 
 
-def imbalance(found):
+def imbalance(computed):
     """|c int u_h - int f - int q - int lambda_H|, which is 0 by (2.1) with v = 1."""
-    solved = found.solved
-    load = enclose_data(found.problem, solved.mesh, solved.form).load
+    solved = computed.solved
+    load = enclose_data(computed.problem, solved.mesh, solved.form).load
     return abs(solved.form.c * solved.u_integral - load.sum() - solved.force)
 
 
@@ -109,30 +109,30 @@ def test_errors_fall_as_proved_below_both_bounds(name):
     So is the sharp bound of lambda against the cheap one, which is of lower order. Forces lie between the
     numbers that are guaranteed, exact ones by quadrature.
     """
-    of = PROBLEMS[name]
+    problem = PROBLEMS[name]
     errors = []
     for n in (8, 16, 32):
-        found = ul.solve(of.problem, h=1 / n, H=2 / n)
-        errors.append(of.error(found))
-        assert errors[-1] <= found.sharp_bounds.u
-        assert errors[-1] <= found.bounds.u <= 2 * errors[-1]
-        assert imbalance(found) <= 1e-10
-        for side, force in enumerate(found.forces(sharp=True).sides):
-            assert force.lower <= (of.force(side) if side in of.held else 0.0) + 1e-12
-            assert force.upper >= (of.force(side) if side in of.held else 0.0) - 1e-12
+        solution = ul.solve(problem.problem, h=1 / n, H=2 / n)
+        errors.append(problem.error(solution))
+        assert errors[-1] <= solution.sharp_bounds.u
+        assert errors[-1] <= solution.bounds.u <= 2 * errors[-1]
+        assert imbalance(solution) <= 1e-10
+        for side, force in enumerate(solution.forces(sharp=True).sides):
+            assert force.lower <= (problem.force(side) if side in problem.gaps else 0.0) + 1e-12
+            assert force.upper >= (problem.force(side) if side in problem.gaps else 0.0) - 1e-12
     assert np.all(np.log2(np.divide(errors[:-1], errors[1:])) >= 0.9)
-    assert found.sharp_bounds.multiplier <= found.bounds.multiplier / 2
+    assert solution.sharp_bounds.multiplier <= solution.bounds.multiplier / 2
 
 
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
     """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
-    of = PROBLEMS["of both signs, beside contact"]
+    problem = PROBLEMS["of both signs, beside contact"]
     monkeypatch.setattr(enclosed_data, "edge_load", lambda mesh, _: np.zeros(mesh.n_nodes))
     errors = []
     for n in (8, 16):
-        found = ul.solve(of.problem, h=1 / n, H=2 / n)
-        errors.append(of.error(found))
-        assert errors[-1] <= found.bounds.u
+        solution = ul.solve(problem.problem, h=1 / n, H=2 / n)
+        errors.append(problem.error(solution))
+        assert errors[-1] <= solution.bounds.u
     assert errors[1] > 0.9 * errors[0] > 0.1
 
 
@@ -145,20 +145,20 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
 
     Its error is the norm of u. Control: without what is left of the flux both bounds are far below it.
     """
-    found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
-    error = WAVE.error(found)
-    assert np.abs(found.u).max() < 1e-3 * error
-    assert error <= found.sharp_bounds.u
-    assert error <= found.bounds.u
+    solution = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
+    error = WAVE.error(solution)
+    assert np.abs(solution.u).max() < 1e-3 * error
+    assert error <= solution.sharp_bounds.u
+    assert error <= solution.bounds.u
 
     def linear(flux, mesh):
         return no_given_flux(mesh)._replace(end_values=right(flux, mesh).end_values)
 
     right = enclosed_data.project_given_flux
     monkeypatch.setattr(enclosed_data, "project_given_flux", linear)
-    found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
-    assert found.bounds.u < 0.7 * error
-    assert found.sharp_bounds.u < 0.7 * error
+    solution = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
+    assert solution.bounds.u < 0.7 * error
+    assert solution.sharp_bounds.u < 0.7 * error
 
 
 @pytest.mark.parametrize(
@@ -174,36 +174,36 @@ def test_bounds_hold_where_the_flux_is_not_smooth(q):
     fine = ul.solve(problem, h=1 / 64, H=2 * (1 / 64), mesh="structured")
     distance = energy_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
     for kind in ("bounds", "sharp_bounds"):
-        of_coarse = getattr(coarse, kind).u
-        of_fine = getattr(fine, kind).u
-        assert distance <= of_coarse + of_fine
-        assert of_fine < of_coarse <= 3 * distance
+        coarse_bound = getattr(coarse, kind).u
+        fine_bound = getattr(fine, kind).u
+        assert distance <= coarse_bound + fine_bound
+        assert fine_bound < coarse_bound <= 3 * distance
 
 
 def test_an_accuracy_is_reached_on_adapted_meshes():
     """A peak of du/dn of width 0.02 on a side: five times as many nodes as alike are near it."""
-    of = Known(
+    known_solution = Known(
         SQUARE,
         "exp(-1600*((x - 0.3)**2 + (y + 0.01)**2)) + 2*(x - 1/2)**2 + 2*(y - 1/2)**2",
         {1: "0", 2: "0", 3: "0"},
     )
-    found = ul.solve(of.problem, accuracy=0.1)
-    assert found.certified
-    assert of.error(found) <= found.bounds.u
-    near = np.hypot(found.mesh.points[:, 0] - 0.3, found.mesh.points[:, 1]) < 0.15
+    solution = ul.solve(known_solution.problem, accuracy=0.1)
+    assert solution.certified
+    assert known_solution.error(solution) <= solution.bounds.u
+    near = np.hypot(solution.mesh.points[:, 0] - 0.3, solution.mesh.points[:, 1]) < 0.15
     assert near.mean() > 5 * np.pi * 0.15**2 / 2
-    assert all(not contradict(a, b) for a in found.search.levels for b in found.search.levels)
+    assert all(not contradict(a, b) for a in solution.search.levels for b in solution.search.levels)
 
 
 def test_a_jump_of_the_flux_is_refined_for():
     """Edges at the jump, x = 1/3, have at most a quarter of the longest there; no levels contradict."""
     problem = ul.Problem(SQUARE, f=0, g=-0.1, free_sides=[0], q="-4*pos(x - 1/3, 0)")
-    found = ul.solve(problem, accuracy=0.05)
-    assert found.certified
-    lengths = np.diff(found.mesh.s)
-    at = np.searchsorted(found.mesh.s, 1 / 3) - 1
-    assert lengths[at] <= lengths[found.mesh.side == 0].max() / 4
-    assert all(not contradict(a, b) for a in found.search.levels for b in found.search.levels)
+    solution = ul.solve(problem, accuracy=0.05)
+    assert solution.certified
+    lengths = np.diff(solution.mesh.s)
+    node = np.searchsorted(solution.mesh.s, 1 / 3) - 1
+    assert lengths[node] <= lengths[solution.mesh.side == 0].max() / 4
+    assert all(not contradict(a, b) for a in solution.search.levels for b in solution.search.levels)
 
 
 FIELDS = {"f": "x - y - 1", "g": [None, "-y/10", "-1/10", "-y/10"], "free_sides": [0]}
@@ -222,10 +222,10 @@ def solutions(problem):
 def test_all_solvers_have_the_flux():
     """Control: a solver without it finds another solution."""
     problem = ul.Problem(SQUARE, **FIELDS, q=FLUX)
-    first, *others = solutions(problem)
+    first, *alternatives = solutions(problem)
     assert first.result.algorithm == "multigrid"
-    for each in others:
-        np.testing.assert_allclose(each.u_h, first.u_h, rtol=0, atol=1e-8)
+    for alternative in alternatives:
+        np.testing.assert_allclose(alternative.u_h, first.u_h, rtol=0, atol=1e-8)
     without = next(solutions(ul.Problem(SQUARE, **FIELDS)))
     assert np.abs(without.u_h - first.u_h).max() > 0.1
 
@@ -239,10 +239,10 @@ def test_functions_give_the_same_solution():
         sizes = {"h": 1 / 16, "H": 1 / 8, "stop": ul.Stop(tolerance=1e-12)}
         exact = ul.solve(formula, **sizes)
         for problem in (function, per_side):
-            found = ul.solve(problem, **sizes)
-            assert found.u == pytest.approx(exact.u, abs=1e-10)
-            assert found.bounds.u == pytest.approx(exact.bounds.u, rel=1e-6)
-            assert imbalance(found) < 1e-10
+            solution = ul.solve(problem, **sizes)
+            assert solution.u == pytest.approx(exact.u, abs=1e-10)
+            assert solution.bounds.u == pytest.approx(exact.bounds.u, rel=1e-6)
+            assert imbalance(solution) < 1e-10
 
 
 @pytest.mark.parametrize(
@@ -261,11 +261,11 @@ def test_functions_are_refused_likewise(q):
 def test_no_flux_is_a_flux_of_0():
     """Bit for bit."""
     for problem in (FIELDS, {**FIELDS, "k": 2, "c": 3}):
-        first, *others = (
-            ul.solve(ul.Problem(SQUARE, **problem, **q), h=1 / 8, H=1 / 4)
-            for q in ({}, {"q": 0}, {"q": [0, None, None, None]})
-        )
-        for each in others:
-            assert np.array_equal(each.u, first.u)
-            assert each.bounds == first.bounds
-            assert each.sharp_bounds == first.sharp_bounds
+        first = ul.solve(ul.Problem(SQUARE, **problem), h=1 / 8, H=1 / 4)
+        alternatives = [
+            ul.solve(ul.Problem(SQUARE, **problem, q=q), h=1 / 8, H=1 / 4) for q in (0, [0, None, None, None])
+        ]
+        for alternative in alternatives:
+            assert np.array_equal(alternative.u, first.u)
+            assert alternative.bounds == first.bounds
+            assert alternative.sharp_bounds == first.sharp_bounds

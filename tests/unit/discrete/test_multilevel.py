@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sentences
 from conftest import DATA, interior_point
-from nested import alone, multilevel
+from nested import forget_refinement, multilevel
 
 import unilateral as ul
 from unilateral.bounds import boundary_flux, enclosed_data, equilibrated_flux
@@ -65,7 +65,7 @@ def load_problem(name):
     return PROBLEMS[name]()
 
 
-def on_uniform(problem, edges=2):
+def discretise_on_uniform_mesh(problem, edges=2):
     """On a refined mesh, and cells of that many edges."""
     cells = make_uniform_partition(problem.polygon, problem.polygon.lengths.max() / 2)
     mesh, cells = meshes.triangulate_from_cells(cells, edges, 3)
@@ -75,105 +75,118 @@ def on_uniform(problem, edges=2):
 def mesh_for(problem, times=3, seed=None):
     """Refined in an ever smaller part at a vertex, or where random triangles were chosen there."""
     cells = make_uniform_partition(problem.polygon, problem.polygon.lengths.max() / 2)
-    of = start_adapted_mesh(meshes.triangulate_from_cells(cells, 2)[0])
+    adapted_mesh = start_adapted_mesh(meshes.triangulate_from_cells(cells, 2)[0])
     rng = np.random.default_rng(seed)
     for k in range(times):
-        centre = of.mesh.points[of.mesh.triangles].mean(axis=1) - problem.polygon.vertices[1]
+        centre = (
+            adapted_mesh.mesh.points[adapted_mesh.mesh.triangles].mean(axis=1) - problem.polygon.vertices[1]
+        )
         chosen = np.flatnonzero(np.hypot(*centre.T) < problem.polygon.diameter / 2 ** (k + 1))
         if seed is not None:
             chosen = rng.choice(chosen, len(chosen) // 3 + 1, replace=False)
-        of = refine_and_balance(of, chosen)
-    return of
+        adapted_mesh = refine_and_balance(adapted_mesh, chosen)
+    return adapted_mesh
 
 
-def on_adapted(problem, times=3, seed=None):
+def discretise_on_random_mesh(problem, times=3, seed=None):
     return discretise_on_adapted_mesh(problem, mesh_for(problem, times, seed))
 
 
 ON_MESHES = [
-    *((name, on_uniform, (edges,)) for name in PROBLEMS for edges in (2, 3, 4)),
-    *((name, on_adapted, seed) for name in FORMULAS for seed in ((3, None), (6, 0), (6, 1), (6, 2))),
+    *((name, discretise_on_uniform_mesh, (edges,)) for name in PROBLEMS for edges in (2, 3, 4)),
+    *(
+        (name, discretise_on_random_mesh, seed)
+        for name in FORMULAS
+        for seed in ((3, None), (6, 0), (6, 1), (6, 2))
+    ),
 ]
 """Problems, on meshes with so many edges in a cell, or refined so often, at random with a seed."""
-on_both_meshes = pytest.mark.parametrize("made", [on_uniform, on_adapted])
+on_both_meshes = pytest.mark.parametrize(
+    "discretise_on_mesh", [discretise_on_uniform_mesh, discretise_on_random_mesh]
+)
 
 
-def by_active_set(problem, found):
+def solve_by_condensation(problem, discrete):
     """The same discrete problem, condensed, and its solution by Lawson's and Hanson's active sets."""
-    other = discretise(put_on_mesh(problem, found.mesh), found.mesh, found.partition)
-    return other, other.solve(Stop(tolerance=1e-11, algorithm="active_set"))
+    second = discretise(put_on_mesh(problem, discrete.mesh), discrete.mesh, discrete.partition)
+    return second, second.solve(Stop(tolerance=1e-11, algorithm="active_set"))
 
 
-@pytest.mark.parametrize(("name", "made", "arguments"), ON_MESHES)
-def test_both_ways_lead_to_the_same_solution(name, made, arguments):
+@pytest.mark.parametrize(("name", "discretise_on_mesh", "arguments"), ON_MESHES)
+def test_both_ways_lead_to_the_same_solution(name, discretise_on_mesh, arguments):
     """By active sets and by clarabel, both independent of these sets and steps."""
     problem = load_problem(name)
-    found = made(problem, *arguments)
-    other, expected = by_active_set(problem, found)
-    solved = found.solve(EXACTLY)
-    assert found.mesh.is_adapted == (made is on_adapted)
+    discrete = discretise_on_mesh(problem, *arguments)
+    reference, expected = solve_by_condensation(problem, discrete)
+    solved = discrete.solve(EXACTLY)
+    assert discrete.mesh.is_adapted == (discretise_on_mesh is discretise_on_random_mesh)
     assert solved.result.algorithm == "multigrid"
     assert solved.result.converged
     assert solved.result.bound <= 1e-11
     size = max(1.0, np.abs(expected.u_h).max())
     assert np.abs(solved.u_h - expected.u_h).max() < 1e-9 * size
     assert np.abs(solved.lambda_H - expected.lambda_H).max() < 1e-7 * size
-    half = other.spaces.operator.D_factor
-    for of_other in (half @ expected.result.lambda_H, interior_point(other.spaces.operator, other.offset)):
-        assert np.linalg.norm(half @ solved.result.lambda_H - of_other) < 1e-7
+    half = reference.spaces.operator.D_factor
+    for other_multiplier in (
+        half @ expected.result.lambda_H,
+        interior_point(reference.spaces.operator, reference.offset),
+    ):
+        assert np.linalg.norm(half @ solved.result.lambda_H - other_multiplier) < 1e-7
     np.testing.assert_allclose(solved.gap, expected.gap, rtol=0, atol=1e-9 * size)
     assert solved.force == pytest.approx(expected.force, rel=1e-8)
-    assert found.balance(solved) < 1e-9 * size
-    free = np.isin(found.partition.side, problem.free_sides)
+    assert discrete.balance(solved) < 1e-9 * size
+    free = np.isin(discrete.partition.side, problem.free_sides)
     assert np.all(np.isnan(solved.gap) == free)
     assert np.all(solved.lambda_H[free] == 0)
     assert np.all(solved.lambda_H >= 0)
     assert (solved.lambda_H.max() > 0) == (name != "no contact")
     # On the finest cells of uniform meshes a corner is free.
-    assert made is on_uniform or (solved.lambda_H.min() > 0) == (name == "full contact")
+    assert discretise_on_mesh is discretise_on_uniform_mesh or (solved.lambda_H.min() > 0) == (
+        name == "full contact"
+    )
 
 
 def test_the_comparison_notices_another_load_and_a_cell_that_is_left_out():
     """f that is a millionth larger has another solution."""
-    found = on_uniform(load_problem("functions"))
-    other, expected = by_active_set(load_problem("functions"), found)
+    discrete = discretise_on_uniform_mesh(load_problem("functions"))
+    second, expected = solve_by_condensation(load_problem("functions"), discrete)
     larger = ul.Problem(
         KITE, lambda x, y: (1 + 1e-6) * (np.exp(x) - 4 * y - 2), g=load_problem("functions").g[0]
     )
-    assert np.abs(on_uniform(larger).solve(EXACTLY).u_h - expected.u_h).max() > 1e-8
-    lambda_H = found.solve(EXACTLY).result.lambda_H
-    lost = np.where(lambda_H == lambda_H.max(), 0, lambda_H)
-    assert np.linalg.norm(other.spaces.operator.D_factor @ (lost - expected.result.lambda_H)) > 1e-3
+    assert np.abs(discretise_on_uniform_mesh(larger).solve(EXACTLY).u_h - expected.u_h).max() > 1e-8
+    lambda_H = discrete.solve(EXACTLY).result.lambda_H
+    values = np.where(lambda_H == lambda_H.max(), 0, lambda_H)
+    assert np.linalg.norm(second.spaces.operator.D_factor @ (values - expected.result.lambda_H)) > 1e-3
 
 
 @on_both_meshes
-def test_f_is_enclosed_once(monkeypatch, made):
+def test_f_is_enclosed_once(monkeypatch, discretise_on_mesh):
     """The bound has the enclosure that the load is made of: with another one its patches are not balanced."""
     problem = load_problem("one's own")
-    found = made(problem)
-    solved = found.solve(EXACTLY)
-    source = found.data.source
-    np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
-    np.testing.assert_array_equal(source.moments(), enclose_function(found.mesh, problem.source).moments())
+    discrete = discretise_on_mesh(problem)
+    solved = discrete.solve(EXACTLY)
+    source = discrete.data.source
+    np.testing.assert_array_equal(load_vector(discrete.mesh, source.moments()), discrete.load)
+    np.testing.assert_array_equal(source.moments(), enclose_function(discrete.mesh, problem.source).moments())
     monkeypatch.setattr(enclosed_data, "enclose_source", None)
     monkeypatch.setattr(equilibrated_flux, "PATCH_REACTION_RATIO", 1e100)
     monkeypatch.setattr(boundary_flux, "EDGE_REACTION_RATIO", 1e100)
-    parts = residual_parts(source, found.data.given_flux, solved.u_h, solved.flux, solved.form)
-    assert np.linalg.norm(parts.mean) <= 1e-9
-    assert solved.bound().u >= np.linalg.norm(parts.misfit) > 0.01
+    components = residual_parts(source, discrete.data.given_flux, solved.u_h, solved.flux, solved.form)
+    assert np.linalg.norm(components.mean) <= 1e-9
+    assert solved.bound().u >= np.linalg.norm(components.misfit) > 0.01
 
 
 @on_both_meshes
-def test_the_norm_from_below_is_one_from_below_and_not_idle(made):
+def test_the_norm_from_below_is_one_from_below_and_not_idle(discretise_on_mesh):
     problem = load_problem("one's own")
-    found = made(problem)
-    half = discretise(problem, found.mesh, found.partition).spaces.operator.D_factor
+    discrete = discretise_on_mesh(problem)
+    half = discretise(problem, discrete.mesh, discrete.partition).spaces.operator.D_factor
     for seed in range(3):
-        lambda_H = np.random.default_rng(seed).uniform(0, 1, len(found.cells))
-        below = found.lambda_norm(lambda_H)
+        lambda_H = np.random.default_rng(seed).uniform(0, 1, len(discrete.cells))
+        below = discrete.lambda_norm(lambda_H)
         exact = np.linalg.norm(half @ lambda_H)
         assert 0.99 * exact < below <= exact * (1 + 1e-12)
-    assert found.lambda_norm(0 * lambda_H) == 0
+    assert discrete.lambda_norm(0 * lambda_H) == 0
 
 
 @pytest.mark.parametrize("peak", [0.0, 0.25, 1.0])
@@ -181,16 +194,18 @@ def test_the_norm_from_below_is_that_of_a_coarse_level_where_that_is_enough(monk
     """Not where finer levels add to it: at a peak all of them add about the same."""
     mesh = make_structured_mesh(find_polygon("lshape"), 1 / 64)
     cells = make_uniform_partition(find_polygon("lshape"), 1 / 32)
-    found = multilevel(ul.Problem(mesh.polygon, "x", 0), mesh, cells)
+    discrete = multilevel(ul.Problem(mesh.polygon, "x", 0), mesh, cells)
     asked = []
     below = multigrid_bounds.functional_norm_lower_bound
     monkeypatch.setattr(
-        multigrid_bounds, "functional_norm_lower_bound", lambda of, R: asked.append(of.n) or below(of, R)
+        multigrid_bounds,
+        "functional_norm_lower_bound",
+        lambda hierarchy, R: asked.append(hierarchy.n) or below(hierarchy, R),
     )
     lambda_H = np.ones(cells.n_cells)
     lambda_H[11] += peak * cells.n_cells
-    norm = found.lambda_norm(lambda_H)
-    finest = found.multigrid.finest
+    norm = discrete.lambda_norm(lambda_H)
+    finest = discrete.multigrid.finest
     assert norm > 0.99 * below(finest.hierarchy, finest.cells.B.T @ lambda_H)
     assert asked == sorted(asked)
     assert (asked[-1] < mesh.n_nodes) == (peak == 0)
@@ -199,32 +214,32 @@ def test_the_norm_from_below_is_that_of_a_coarse_level_where_that_is_enough(monk
 UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def on_small_square(problem):
+def discretise_on_small_square(problem):
     mesh = make_structured_mesh(problem.polygon, problem.polygon.lengths[0] / 32)
     return multilevel(problem, mesh, make_uniform_partition(problem.polygon, problem.polygon.lengths[0] / 16))
 
 
 @pytest.mark.parametrize(
-    ("made", "length", "least"),
+    ("discretise_on_mesh", "length", "minimum"),
     [
-        (on_small_square, 1e-5, 0.99),
-        (on_small_square, 4.124626382901348e-07, 0.99),
-        (on_small_square, 1e-8, 0.0),
-        (on_adapted, 1e-5, 0.99),
-        (on_adapted, 1e-7, 0.99),
+        (discretise_on_small_square, 1e-5, 0.99),
+        (discretise_on_small_square, 4.124626382901348e-07, 0.99),
+        (discretise_on_small_square, 1e-8, 0.0),
+        (discretise_on_random_mesh, 1e-5, 0.99),
+        (discretise_on_random_mesh, 1e-7, 0.99),
     ],
 )
-def test_it_is_one_from_below_on_small_domains(made, length, least):
+def test_the_norm_from_below_is_one_from_below_on_small_domains(discretise_on_mesh, length, minimum):
     """lambda_H = 1: <lambda_H, v> / ||v||_1 is largest for a constant v, up to the square of the length.
 
     Control: by v . A v, in which the mass is lost, the number is another one.
     """
-    found = made(ul.Problem(length * UNIT_SQUARE, f="-1", g="0"))
-    one = np.ones(len(found.cells))
+    discrete = discretise_on_mesh(ul.Problem(length * UNIT_SQUARE, f="-1", g="0"))
+    values = np.ones(len(discrete.cells))
     exact = 4 * (1 + length**2)
-    assert least * exact <= found.lambda_norm(one) <= exact
-    A = found.multigrid.finest.hierarchy.A
-    mesh = found.mesh
+    assert minimum * exact <= discrete.lambda_norm(values) <= exact
+    A = discrete.multigrid.finest.hierarchy.A
+    mesh = discrete.mesh
     v = np.ones(mesh.n_nodes) + 1e-3 * np.random.default_rng(1).random(mesh.n_nodes) * length**2
     if length <= 1e-6 and not mesh.is_adapted:
         assert np.sqrt(np.abs(v @ (A @ v))) != pytest.approx(energy_norm(mesh, v), rel=1e-6)
@@ -244,16 +259,16 @@ def test_the_default_stop_is_a_hundredth_of_the_error(name):
 
 
 @on_both_meshes
-def test_it_stops_where_it_is_told_and_goes_on(made):
+def test_the_iteration_stops_where_it_is_told_and_goes_on(discretise_on_mesh):
     """Steps are counted. Without a tolerance it stops at a hundredth of the error or of its bound."""
-    found = made(load_problem("one's own"))
-    crude = found.iterate(None, Stop(fraction=1))
+    discrete = discretise_on_mesh(load_problem("one's own"))
+    crude = discrete.iterate(None, Stop(fraction=1))
     assert 0 < crude.result.bound <= crude.tolerance
-    fine = found.improve(crude, 1e-8, Stop())
+    fine = discrete.improve(crude, 1e-8, Stop())
     assert fine.result.bound <= 1e-8 < crude.result.bound
     assert fine.result.iterations > crude.result.iterations
     assert fine.result.operator_applications > crude.result.operator_applications
-    solved = found.solve(Stop())
+    solved = discrete.solve(Stop())
     assert 0 < solved.result.bound <= 0.01 * solved.total_bound("h1")
 
 
@@ -315,8 +330,8 @@ def test_an_accuracy_is_certified_by_multigrid(monkeypatch):
     assert s.certified
     assert s.solved.result.algorithm == "multigrid"
     assert s.errors.h1 <= s.bounds.u
-    of_lambda = ul.solve(ul.case("natural"), accuracy=0.1, norm="hm12")
-    assert of_lambda.certified  # beta is known for the condensed problem only
+    lambda_solution = ul.solve(ul.case("natural"), accuracy=0.1, norm="hm12")
+    assert lambda_solution.certified  # beta is known for the condensed problem only
 
 
 def test_more_than_the_memory_is_refused_before_it_is_taken(monkeypatch):
@@ -333,16 +348,16 @@ def test_most_of_the_total_bound_is_not_algebraic():
     Control: where the residual is not asked to be small in the sum over nodes, too, it is large, and the
     algebraic bound a hundredth of it at once.
     """
-    found = on_adapted(load_problem("one's own"), 14)
-    assert np.diff(found.mesh.s).min() < 1e-4
-    solved = found.solve(Stop())
-    best = found.solve(EXACTLY).total_bound("h1")
+    discrete = discretise_on_random_mesh(load_problem("one's own"), 14)
+    assert np.diff(discrete.mesh.s).min() < 1e-4
+    solved = discrete.solve(Stop())
+    best = discrete.solve(EXACTLY).total_bound("h1")
     assert solved.result.bound <= 0.01 * solved.total_bound("h1") <= 0.01 * (1.01 * best)
     at_zero = multilevel_algebraic_bound(
-        found.multigrid.finest, np.zeros(found.mesh.n_nodes), np.zeros(len(found.cells))
+        discrete.multigrid.finest, np.zeros(discrete.mesh.n_nodes), np.zeros(len(discrete.cells))
     )
-    crude = found.improve_to_fraction(
-        found._convert_result(found.multigrid.solve(at_zero, max_residual_norm=1e9)), Stop()
+    crude = discrete.improve_to_fraction(
+        discrete._convert_result(discrete.multigrid.solve(at_zero, max_residual_norm=1e9)), Stop()
     )
     assert crude.result.bound <= 0.01 * crude.total_bound("h1")
     assert crude.total_bound("h1") > 100 * best
@@ -358,20 +373,20 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
         return np.array([0, 1])
 
     first = meshes.triangulate_from_cells(make_uniform_partition(problem.polygon, 0.8), 2)[0]
-    found = list(solve_refinements(problem, first, Stop(), two, first.n_nodes + 60))
-    unknowns = [each.mesh.n_nodes for each in found]
+    refinements = list(solve_refinements(problem, first, Stop(), two, first.n_nodes + 60))
+    unknowns = [refinement.mesh.n_nodes for refinement in refinements]
     assert unknowns[0] == first.n_nodes
     assert np.all(np.diff(unknowns) > 0)
     assert len(unknowns) > 3
     assert unknowns[-1] <= first.n_nodes + 60
-    assert asked == found
-    for each in found:
-        assert each.result.bound <= 0.01 * each.total_bound("h1")
-    last = found[-1]
+    assert asked == refinements
+    for entry in refinements:
+        assert entry.result.bound <= 0.01 * entry.total_bound("h1")
+    last = refinements[-1]
     discrete = multilevel(problem, last.mesh, last.partition)
     anew = discrete.solve(EXACTLY)
-    moved = anew.u_h - last.u_h
-    assert np.sqrt(moved @ (discrete.multigrid.finest.hierarchy.A @ moved)) <= last.result.bound + 1e-9
+    shifted = anew.u_h - last.u_h
+    assert np.sqrt(shifted @ (discrete.multigrid.finest.hierarchy.A @ shifted)) <= last.result.bound + 1e-9
     np.testing.assert_allclose(last.data.source.moments(), anew.data.source.moments(), rtol=1e-12)
 
 
@@ -379,33 +394,33 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
 def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
     """Its levels, f, and u_h, whose values at new nodes are those of the piecewise linear function."""
     problem = load_problem("one's own")
-    of = mesh_for(load_problem("one's own"), 2)
-    before = discretise_on_adapted_mesh(problem, of)
+    mesh = mesh_for(load_problem("one's own"), 2)
+    before = discretise_on_adapted_mesh(problem, mesh)
     last = before.solve(EXACTLY)
     for k in range(steps):
-        of = refine_and_balance(of, np.arange(k, len(of.mesh.triangles), 7))
-    known = before.spaces.hierarchy
-    found = discretise_on_adapted_mesh(problem, of, before, last)
-    levels = found.spaces.hierarchy
-    assert levels.coarse_factors is known.coarse_factors
-    assert all(level is old for level, old in zip(levels.levels, known.levels[:-1], strict=False))
-    places = locate_points(last.mesh, of.mesh.points)
+        mesh = refine_and_balance(mesh, np.arange(k, len(mesh.mesh.triangles), 7))
+    known_hierarchy = before.spaces.hierarchy
+    adapted_mesh = discretise_on_adapted_mesh(problem, mesh, before, last)
+    levels = adapted_mesh.spaces.hierarchy
+    assert levels.coarse_factors is known_hierarchy.coarse_factors
+    assert all(level is old for level, old in zip(levels.levels, known_hierarchy.levels[:-1], strict=False))
+    places = locate_points(last.mesh, mesh.mesh.points)
     np.testing.assert_allclose(
-        found.start_u, places.evaluate(partial(evaluate_u_h, last.mesh, last.u_h)), rtol=0, atol=1e-12
+        adapted_mesh.start_u, places.evaluate(partial(evaluate_u_h, last.mesh, last.u_h)), rtol=0, atol=1e-12
     )
-    start = last.partition.means(last.lambda_H, found.partition.points)[found.cells]
-    solved = found.iterate(1e-10, Stop(), start)
-    anew = discretise_on_adapted_mesh(problem, of).solve(EXACTLY)
+    start = last.partition.means(last.lambda_H, adapted_mesh.partition.points)[adapted_mesh.cells]
+    solved = adapted_mesh.iterate(1e-10, Stop(), start)
+    anew = discretise_on_adapted_mesh(problem, mesh).solve(EXACTLY)
     assert np.abs(solved.u_h - anew.u_h).max() < 1e-9
-    assert energy_norm(of.mesh, found.start_u - anew.u_h) < energy_norm(of.mesh, anew.u_h)
+    assert energy_norm(mesh.mesh, adapted_mesh.start_u - anew.u_h) < energy_norm(mesh.mesh, anew.u_h)
 
 
 def test_a_start_is_the_set_to_begin_with():
     """That of the solution leaves one step."""
-    found = on_adapted(load_problem("one's own"))
-    cold = found.multigrid.solve(1e-8)
-    again = found.iterate(1e-8, Stop(), cold.lambda_H)
-    warm = found.multigrid.solve(1e-8, (found.start_u, cold.active))
+    discrete = discretise_on_random_mesh(load_problem("one's own"))
+    cold = discrete.multigrid.solve(1e-8)
+    again = discrete.iterate(1e-8, Stop(), cold.lambda_H)
+    warm = discrete.multigrid.solve(1e-8, (discrete.start_u, cold.active))
     assert again.result.iterations == sum(count for _, count in warm.iteration_counts)
     np.testing.assert_allclose(again.u_h, cold.u, rtol=0, atol=1e-8)
 
@@ -413,21 +428,21 @@ def test_a_start_is_the_set_to_begin_with():
 def test_the_residual_is_small_against_the_total_bound():
     """In the sum over nodes, which the cheap bound sees. Control: not so without that."""
     problem = load_problem("one's own")
-    found = on_adapted(problem, 10)
-    total = found.solve(Stop()).total_bound("h1")
-    loose = 10 * found.multigrid.finest.hierarchy.n**0.5 * total
+    discrete = discretise_on_random_mesh(problem, 10)
+    total = discrete.solve(Stop()).total_bound("h1")
+    loose = 10 * discrete.multigrid.finest.hierarchy.n**0.5 * total
 
-    def in_L2(solved):
-        of = found.multigrid.finest.hierarchy
-        finest = found.multigrid.finest
-        r = finest.load + finest.cells.B.T @ solved.result.lambda_H - of.A @ solved.u_h
-        return np.sqrt(np.sum(r**2 / of.nodal_weights))
+    def weighted_norm(solved):
+        hierarchy = discrete.multigrid.finest.hierarchy
+        finest = discrete.multigrid.finest
+        r = finest.load + finest.cells.B.T @ solved.result.lambda_H - hierarchy.A @ solved.u_h
+        return np.sqrt(np.sum(r**2 / hierarchy.nodal_weights))
 
     small = 1e-6 * total
     assert (
-        in_L2(found.iterate(loose, Stop(), predicted_total=small))
+        weighted_norm(discrete.iterate(loose, Stop(), predicted_total=small))
         <= 0.1 * small
-        < in_L2(found.iterate(loose, Stop()))
+        < weighted_norm(discrete.iterate(loose, Stop()))
     )
 
 
@@ -435,15 +450,17 @@ def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     """It has no levels. The same triangles, made by refinement, have; the solutions differ as f's p do."""
     monkeypatch.setattr(choice, "MIN_MULTIGRID_UNKNOWNS", 10)
     problem = load_problem("one's own")
-    of = mesh_for(load_problem("one's own"))
-    own = meshes.from_arrays(problem.polygon, of.mesh.points, of.mesh.triangles)
-    assert not own.is_adapted
-    assert multilevel(problem, own, of.partition) is None
-    assert multilevel(problem, alone(of.mesh), of.partition) is None
-    found = [cheapest(problem, mesh, of.partition, EXACTLY) for mesh in (own, of.mesh)]
-    assert [type(each) for each in found] == [CondensedProblem, MultilevelProblem]
-    one = found[0].solve(Stop(tolerance=1e-11, algorithm="active_set"))
-    other = found[1].solve(EXACTLY)
-    unknown = sum(each.data.source.remainder_norm for each in found)
-    assert energy_norm(own, one.u_h - other.u_h) <= unknown + 1e-9
-    assert unknown < 1e-4 * energy_norm(own, one.u_h)
+    discretised = mesh_for(load_problem("one's own"))
+    original = meshes.from_arrays(problem.polygon, discretised.mesh.points, discretised.mesh.triangles)
+    assert not original.is_adapted
+    assert multilevel(problem, original, discretised.partition) is None
+    assert multilevel(problem, forget_refinement(discretised.mesh), discretised.partition) is None
+    problems = [
+        cheapest(problem, mesh, discretised.partition, EXACTLY) for mesh in (original, discretised.mesh)
+    ]
+    assert [type(discrete_problem) for discrete_problem in problems] == [CondensedProblem, MultilevelProblem]
+    solution = problems[0].solve(Stop(tolerance=1e-11, algorithm="active_set"))
+    other_solution = problems[1].solve(EXACTLY)
+    unknown = sum(discrete_problem.data.source.remainder_norm for discrete_problem in problems)
+    assert energy_norm(original, solution.u_h - other_solution.u_h) <= unknown + 1e-9
+    assert unknown < 1e-4 * energy_norm(original, solution.u_h)

@@ -56,8 +56,8 @@ class Level(NamedTuple):
     def areas(self):
         corners = self.points[self.triangles]
         (ax, ay) = (corners[:, 1] - corners[:, 0]).T
-        (bx, by) = (corners[:, 2] - corners[:, 0]).T
-        return 0.5 * np.abs(ax * by - ay * bx)
+        (bx, b_y) = (corners[:, 2] - corners[:, 0]).T
+        return 0.5 * np.abs(ax * b_y - ay * bx)
 
     @property
     def reach(self):
@@ -71,21 +71,21 @@ class Level(NamedTuple):
         exec(self.problem["definitions"], names)
         return eval(self.problem["f"], names)
 
-    def load(self, of_triangles):
+    def load(self, triangles):
         """(n,) the sum of what belongs to the triangles' corners (t, 3)."""
-        return np.bincount(self.triangles.ravel(), of_triangles.ravel(), len(self.points))
+        return np.bincount(self.triangles.ravel(), triangles.ravel(), len(self.points))
 
 
 def read(folder, name):
-    made = Path(folder) / name
-    mesh = meshio.read(made / "mesh.vtu")
-    nodes = pd.read_csv(made / "nodes.csv")
+    level_folder = Path(folder) / name
+    mesh = meshio.read(level_folder / "mesh.vtu")
+    nodes = pd.read_csv(level_folder / "nodes.csv")
     return Level(
         nodes[["x", "y"]].to_numpy(),
         mesh.cells_dict["triangle"],
         nodes,
-        pd.read_csv(made / "partition.csv"),
-        xr.load_dataset(made / "quadrature.nc"),
+        pd.read_csv(level_folder / "partition.csv"),
+        xr.load_dataset(level_folder / "quadrature.nc"),
         json.loads((Path(folder) / "problem.json").read_text()),
         np.flatnonzero(nodes.s.notna())[np.argsort(nodes.s.dropna().to_numpy())],
     )
@@ -98,9 +98,9 @@ def matrices(level):
     edges = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     t = level.triangles
     n = len(level.points)
-    at = np.repeat(t, 3, axis=1).ravel(), np.tile(t, (1, 3)).ravel()
+    rows_and_columns = np.repeat(t, 3, axis=1).ravel(), np.tile(t, (1, 3)).ravel()
     blocks = edges @ edges.transpose(0, 2, 1) / (4 * area), area * (np.ones((3, 3)) + np.eye(3)) / 12
-    return [sp.coo_array((each.ravel(), at), shape=(n, n)).tocsr() for each in blocks]
+    return [sp.coo_array((block.ravel(), rows_and_columns), shape=(n, n)).tocsr() for block in blocks]
 
 
 def load(level, bug, M):
@@ -117,7 +117,7 @@ def load(level, bug, M):
     return LOADS.get(bug, 1) * np.bincount(corners.ravel(), weighted.ravel(), len(level.points))
 
 
-def of_means(level):
+def mean_constraint(level):
     """Rows v -> integrals of v over the cells, by midpoints between all points; means of g; lengths."""
     s = level.s
     b = level.boundary
@@ -131,16 +131,16 @@ def of_means(level):
     return rows.tocsr(), level.cells.g_mean.to_numpy(), (level.cells.end - level.cells.start).to_numpy()
 
 
-def of_nodes(level):
+def node_constraint(level):
     """Rows v -> v at a boundary node; g; 1."""
     b = level.boundary
-    at = sp.coo_array((np.ones(len(b)), (np.arange(len(b)), b)), shape=(len(b), len(level.points)))
-    return at.tocsr(), level.nodes.g.to_numpy()[b], np.ones(len(b))
+    position = sp.coo_array((np.ones(len(b)), (np.arange(len(b)), b)), shape=(len(b), len(level.points)))
+    return position.tocsr(), level.nodes.g.to_numpy()[b], np.ones(len(b))
 
 
-def contact(A, f, rows, g, lengths, held, settle=True):
+def contact(A, f, rows, g, lengths, clamped, settle=True):
     """u and the multipliers of the held rows u >= g lengths; with equality in all of them if not `settle`."""
-    active = held.copy()
+    active = clamped.copy()
     mu = np.zeros(len(g))
     for _ in range(100):
         B = rows[np.flatnonzero(active)]
@@ -149,76 +149,78 @@ def contact(A, f, rows, g, lengths, held, settle=True):
         u = x[: len(f)]
         mu = np.zeros(len(g))
         mu[active] = x[len(f) :]
-        now = held & (mu > rows @ u / lengths - np.where(held, g, 0))
+        now = clamped & (mu > rows @ u / lengths - np.where(clamped, g, 0))
         if not settle or np.array_equal(now, active):
             return u, mu
         active = now
     raise RuntimeError("the active set did not settle in 100 steps")
 
 
-def uzawa(A, f, rows, g, lengths, held, behind):
+def uzawa(A, f, rows, g, lengths, clamped, behind):
     """A tenth of the steps of Uzawa's iteration that it takes until the multipliers change by 1e-6 only.
 
     u belongs to the multipliers, or to those of the step before if it is `behind`.
     """
     solve = spl.splu(A.tocsc()).solve
-    B = rows[np.flatnonzero(held)]
-    D = B @ solve(B.T.toarray()) / lengths[held][:, None]
-    start = B @ solve(f) / lengths[held] - g[held]
+    B = rows[np.flatnonzero(clamped)]
+    D = B @ solve(B.T.toarray()) / lengths[clamped][:, None]
+    start = B @ solve(f) / lengths[clamped] - g[clamped]
     rho = 1.8 / np.linalg.norm(D, 2)
-    iterates = [np.zeros(held.sum())]
+    iterates = [np.zeros(clamped.sum())]
     while len(iterates) < 3 or np.ptp(iterates[-1] - iterates[-2]) > 1e-6 * np.ptp(iterates[-1]):
         iterates.append(np.maximum(0, iterates[-1] - rho * (D @ iterates[-1] + start)))
     k = max(1, len(iterates) // 10)
     mu = np.zeros(len(g))
-    mu[held] = iterates[k]
+    mu[clamped] = iterates[k]
     return solve(f + B.T @ iterates[k - behind]), mu
 
 
-def reduced(A, f, rows, g, lengths, u_D):
+def eliminate_clamped_nodes(A, f, rows, g, lengths, u_D):
     """The problem for what u is without u_D (n,), on the nodes where that is NaN; and these nodes."""
     free = np.flatnonzero(np.isnan(u_D))
-    given = np.nan_to_num(u_D)
-    of_rest = f - A @ given, g - rows @ given / lengths
-    return A[free][:, free], of_rest[0][free], rows[:, free], of_rest[1], free
+    clamped_values = np.nan_to_num(u_D)
+    reduced_data = f - A @ clamped_values, g - rows @ clamped_values / lengths
+    return A[free][:, free], reduced_data[0][free], rows[:, free], reduced_data[1], free
 
 
-def rolled(values, side, sides):
+def roll_to_side(values, side, sides):
     """Values that are counted from the vertex at which so many sides end; or back, if negative."""
     return np.roll(values, -int(np.sign(sides) * (side < abs(sides)).sum()))
 
 
-def solved(level, bug="", method="cells"):
+def solve_level(level, bug="", method="cells"):
     """Tables of x, y, u and perhaps a multiplier at the nodes, and of cells or None; with a bug."""
     K, M = matrices(level)
-    of_K, of_M = MATRICES.get(bug, (1, 1))
-    c = 1 if bug == "mass term added" else of_M * level.problem["c"]
-    A = of_K * K + c * M
+    K_factor, M_factor = MATRICES.get(bug, (1, 1))
+    c = 1 if bug == "mass term added" else M_factor * level.problem["c"]
+    A = K_factor * K + c * M
     f = load(level, bug, M)
     u_D = level.nodes.u_D.to_numpy()
     u_D = {"clamped side left free": u_D * np.nan, "clamped values not set": 0 * u_D}.get(bug, u_D)
-    rows, g, lengths = of_means(level) if method == "cells" else of_nodes(level)
+    rows, g, lengths = mean_constraint(level) if method == "cells" else node_constraint(level)
     side = level.cells.side.to_numpy() if method == "cells" else level.side_of_nodes
-    held = np.isfinite(g)
+    clamped_finite = np.isfinite(g)
     if bug == "one side ignored":
-        held &= side != 0
+        clamped_finite &= side != 0
     g = g * {"g negative": -1, "g zero": 0}.get(bug, 1)
     if bug in ("wrong corner of g", "wrong corner of all"):
-        g = rolled(g, side, -1)
-        held = np.isfinite(g)
-    A, f, rows, g, free = reduced(A, f, rows, g, lengths, u_D)
-    held &= rows.sum(axis=1) > 0
+        g = roll_to_side(g, side, -1)
+        clamped_finite = np.isfinite(g)
+    A, f, rows, g, free = eliminate_clamped_nodes(A, f, rows, g, lengths, u_D)
+    clamped_finite &= rows.sum(axis=1) > 0
     if bug.startswith("stopped early"):
-        u, mu = uzawa(A, f, rows, g, lengths, held, bug.endswith("behind"))
+        u, mu = uzawa(A, f, rows, g, lengths, clamped_finite, bug.endswith("behind"))
     elif bug == "conditions turned around":
-        u, mu = (-each for each in contact(A, -f, rows, -g, lengths, held))
+        minus_u, minus_mu = contact(A, -f, rows, -g, lengths, clamped_finite)
+        u = -minus_u
+        mu = -minus_mu
     else:
-        u, mu = contact(A, f, rows, g, lengths, held, bug != "Dirichlet everywhere")
-    whole = np.nan_to_num(u_D)
-    whole[free] = u
+        u, mu = contact(A, f, rows, g, lengths, clamped_finite, bug != "Dirichlet everywhere")
+    full = np.nan_to_num(u_D)
+    full[free] = u
     if bug in ("wrong corner", "wrong corner of all"):
-        mu = rolled(mu, side, 1)
-    return handed_in(level, bug, method, whole, -mu if bug == "lambda negative" else mu)
+        mu = roll_to_side(mu, side, 1)
+    return handed_in(level, bug, method, full, -mu if bug == "lambda negative" else mu)
 
 
 def handed_in(level, bug, method, u, mu):
@@ -242,9 +244,9 @@ def handed_in(level, bug, method, u, mu):
     if method == "cells":
         return table, cells.assign(multiplier=mu * (lengths if bug == "lambda integrated" else 1))
     if bug == "reactions lumped to cells":
-        shares = of_means(level)[0][:, level.boundary] @ (mu / level.reach)
+        shares = mean_constraint(level)[0][:, level.boundary] @ (mu / level.reach)
         return table, cells.assign(multiplier=shares / lengths)
-    at = np.full(len(u), np.nan)
-    at[level.boundary] = mu / (level.reach if bug == "lambda lumped" else 1)
+    values = np.full(len(u), np.nan)
+    values[level.boundary] = mu / (level.reach if bug == "lambda lumped" else 1)
     name = "multiplier" if bug in ("lambda lumped", "lambda integrated") else "reaction"
-    return table.assign(**{name: at}), None
+    return table.assign(**{name: values}), None

@@ -167,33 +167,35 @@ def table(method):
     return {bug: dict(zip(CASES, words, strict=True)) for bug, *words in rows}
 
 
-class Solved(NamedTuple):
-    """A level of a case as this project and an author see it; `own` are this project's errors."""
+class SolvedLevel(NamedTuple):
+    """A level of a case as this project and an author see it; `own_errors` are this project's errors."""
 
     case: Problem
     level: ExportedLevel
     discrete: CondensedProblem
     u_h: Array
-    own: Errors
+    own_errors: Errors
     author: author.Level
 
-    def judged(self, folder, bug, method):
+    def diagnose(self, folder, bug, method):
         """What is told of the files that an author writes into a folder."""
-        u, cells = author.solved(self.author, bug, method)
+        u, cells = author.solve_level(self.author, bug, method)
         files = [folder / name for name in ("u.csv", "cells.csv")]
         for file, columns in zip(files, (u, cells), strict=True):
             if columns is not None:
                 columns.to_csv(file, index=False)
-        found = read_foreign_solution([self.level], str(files[0]), None if cells is None else str(files[1]))
-        return diagnose_solution(self.case, found, self.discrete, self.own, self.u_h)
+        foreign_solution = read_foreign_solution(
+            [self.level], str(files[0]), None if cells is None else str(files[1])
+        )
+        return diagnose_solution(self.case, foreign_solution, self.discrete, self.own_errors, self.u_h)
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory):
+def exported_cases(tmp_path_factory):
     """Each case, exported and solved once."""
 
     @cache
-    def made(name):
+    def export_case(name):
         folder = tmp_path_factory.mktemp(name) / "exported"
         options = ["--h", "1/16", "--H", "1/8"]
         if name == "own":
@@ -202,54 +204,56 @@ def seen(tmp_path_factory):
             options = ["--polygon", str(polygon), "--free-sides", "2,3", "--h", "1/8", "--H", "1/4"]
         assert main(["export", "thirds" if name == "own" else name, *options, "--out", str(folder)]) == 0
         case, (level,) = read_exported_folder(folder)
-        own = solve_reference(case, level)
-        return Solved(case, level, own.discrete, own.u_h, own.errors, author.read(folder, level.name))
+        original = solve_reference(case, level)
+        return SolvedLevel(
+            case, level, original.discrete, original.u_h, original.errors, author.read(folder, level.name)
+        )
 
-    return made
+    return export_case
 
 
-def outcome(bug, found):
+def outcome(bug, computed):
     """One of the words above, or the sentence that none of them is for."""
     names = [NAMED[bug], *ALSO.get(bug, [])] if bug in NAMED else []
-    if not found.faults:
-        remarks = ["remark" if any(map(each.startswith, names)) else each for each in found.remarks]
+    if not computed.faults:
+        remarks = ["remark" if any(map(remark.startswith, names)) else remark for remark in computed.remarks]
         return ", ".join(remarks) or "-"
-    words = {_word(names, fault.description) for fault in found.faults}
-    known = [word for word in ("?", "either", "named") if word in words]
-    return known[0] if len(known) == len(words) else str(words)
+    words = {_word(names, fault.description) for fault in computed.faults}
+    known_words = [word for word in ("?", "either", "named") if word in words]
+    return known_words[0] if len(known_words) == len(words) else str(words)
 
 
-def told(of, folder, bug, method):
+def name_diagnosis(example, folder, bug, method):
     """The word for what is told of a bug."""
     try:
-        return outcome(bug, of.judged(folder, bug, method))
+        return outcome(bug, example.diagnose(folder, bug, method))
     except InputError as error:
         return "refused" if "another mesh" in str(error) else str(error)
 
 
-def _word(names, what):
-    if UNEXPLAINED in what:
+def _word(names, subject):
+    if UNEXPLAINED in subject:
         return "?"
-    options = what.split("; or ")
-    if not any(each.startswith(name) for each in options for name in names):
-        return what
+    options = subject.split("; or ")
+    if not any(option.startswith(name) for option in options for name in names):
+        return subject
     return "named" if len(options) == 1 else "either"
 
 
 @pytest.mark.parametrize("method", author.METHODS)
 @pytest.mark.parametrize("name", CASES)
-def test_a_bug_is_named_or_not_known(seen, tmp_path, name, method):
+def test_a_bug_is_named_or_not_known(exported_cases, tmp_path, name, method):
     """No bug is taken for another one, and nothing is said against a right solution."""
     expected = {bug: words[name] for bug, words in table(method).items()}
-    assert {bug: told(seen(name), tmp_path, bug, method) for bug in expected} == expected
+    assert {bug: name_diagnosis(exported_cases(name), tmp_path, bug, method) for bug in expected} == expected
     assert expected.keys() >= NAMED.keys() - {"lambda lumped", "reactions lumped to cells"}
 
 
 @pytest.mark.parametrize("method", author.METHODS)
-def test_what_is_not_named_says_what_it_may_be(seen, tmp_path, method):
+def test_what_is_not_named_says_what_it_may_be(exported_cases, tmp_path, method):
     """An iteration that stopped early is a right solution for another g, so that nobody can tell."""
-    (found,) = seen("natural").judged(tmp_path, "stopped early", method).faults
-    assert "the iteration stopped too early, or g or the contact conditions differ" in found.description
+    (fault,) = exported_cases("natural").diagnose(tmp_path, "stopped early", method).faults
+    assert "the iteration stopped too early, or g or the contact conditions differ" in fault.description
 
 
 def test_every_name_is_in_the_documents():
@@ -258,54 +262,70 @@ def test_every_name_is_in_the_documents():
     assert [name for name in (*NAMED.values(), NO_SCALE) if name not in text] == []
 
 
-def test_no_bug_is_named_by_chance(seen):
+def test_no_bug_is_named_by_chance(exported_cases):
     """Random residuals of any size are explained by none; noise below what counts is no fault.
 
     Nor does any explain u + c beside the right multiplier, or u = 0: no matrix or load of the table has them.
     """
-    of = seen("natural")
+    example = exported_cases("natural")
     random = np.random.default_rng(3)
     for size in (1e-12, 1e-6, 1e-3, 1.0):
-        u = of.u_h + size * random.standard_normal(len(of.u_h))
-        found = diagnose_solution(
-            of.case, ForeignSolution("", of.level, u, None, ""), of.discrete, of.own, of.u_h
+        u = example.u_h + size * random.standard_normal(len(example.u_h))
+        diagnosis = diagnose_solution(
+            example.case,
+            ForeignSolution("", example.level, u, None, ""),
+            example.discrete,
+            example.own_errors,
+            example.u_h,
         )
-        assert all(not fault.is_explained for fault in found.faults)
-        assert bool(found.faults) == (size >= 1e-3)
-        assert found.remarks == []
-    right = piecewise_constant(of.level.partition, solve_condensed_problem(of.discrete).lambda_H)
-    for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
-        found = diagnose_solution(
-            of.case, ForeignSolution("", of.level, u, right, ""), of.discrete, of.own, of.u_h
+        assert all(not fault.is_explained for fault in diagnosis.faults)
+        assert bool(diagnosis.faults) == (size >= 1e-3)
+        assert diagnosis.remarks == []
+    right = piecewise_constant(example.level.partition, solve_condensed_problem(example.discrete).lambda_H)
+    for u in (example.u_h + 0.3, example.u_h + 1, example.u_h - 0.5, 0 * example.u_h):
+        diagnosis = diagnose_solution(
+            example.case,
+            ForeignSolution("", example.level, u, right, ""),
+            example.discrete,
+            example.own_errors,
+            example.u_h,
         )
-        assert [fault.is_explained for fault in found.faults] == [False]
+        assert [fault.is_explained for fault in diagnosis.faults] == [False]
 
 
-def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
+def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(exported_cases):
     """As docs/own-solver.md says of u + 1: Delta u is 16, so that -(1 + 1/16) Delta u + u + 1 = f.
 
     The printed factor may be off by the discretisation error of u_h, which is of order h^2 inside.
     """
-    of = seen("natural")
-    found = diagnose_solution(
-        of.case, ForeignSolution("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h
+    example = exported_cases("natural")
+    diagnosis = diagnose_solution(
+        example.case,
+        ForeignSolution("", example.level, example.u_h + 1, None, ""),
+        example.discrete,
+        example.own_errors,
+        example.u_h,
     )
-    (fault,) = found.faults
+    (fault,) = diagnosis.faults
     assert fault.description == "the stiffness term (grad u, grad v) has the wrong scale"
     assert float(fault.detail.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
 
 
-def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
+def test_two_bugs_at_once_are_both_named_if_they_explain_all(exported_cases, tmp_path):
     """One inside and one of the multiplier; with one that nobody knows in its place neither is."""
-    of = seen("natural")
-    u, cells = author.solved(of.author, "mass term missing")
-    level = of.level
+    example = exported_cases("natural")
+    u, cells = author.solve_level(example.author, "mass term missing")
+    level = example.level
     for multiplier, explained in ((-cells.multiplier, [True, True]), (cells.multiplier + 1, [False])):
         mu = piecewise_constant(level.partition, multiplier.to_numpy())
-        found = diagnose_solution(
-            of.case, ForeignSolution("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h
+        diagnosis = diagnose_solution(
+            example.case,
+            ForeignSolution("", level, u.u.to_numpy(), mu, ""),
+            example.discrete,
+            example.own_errors,
+            example.u_h,
         )
-        assert [fault.is_explained for fault in found.faults] == explained
+        assert [fault.is_explained for fault in diagnosis.faults] == explained
 
 
 def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):
@@ -316,7 +336,7 @@ def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):
     for bug in ("", "mass term missing", "one side ignored"):
         words = []
         for level in ("level_0", "level_1"):
-            u, cells = author.solved(author.read(folder, level), bug)
+            u, cells = author.solve_level(author.read(folder, level), bug)
             u.to_csv(tmp_path / f"{level}.csv", index=False)
             cells.to_csv(tmp_path / f"{level}_cells.csv", index=False)
             words += [str(tmp_path / f"{level}.csv"), "--multiplier", str(tmp_path / f"{level}_cells.csv")]
@@ -327,10 +347,10 @@ def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):
     assert out["mass term missing"].count("mass term (u, v) is missing") == 1
     assert "all 2 solutions: the mass term (u, v) is missing: " in out["mass term missing"]
     assert "all 2 solutions: side 0 is ignored: " in out["one side ignored"]
-    found = re.findall(
+    matches = re.findall(
         r"level_1, over the cells: min mean\(u - g\) = (\S+) at \((\S+), (\S+)\) on side (\d)",
         out["one side ignored"],
     )
-    ((least, x, y, side),) = found
-    assert float(least) < -0.1
+    ((minimum, x, y, side),) = matches
+    assert float(minimum) < -0.1
     assert (float(x) > 0.5, float(y), side) == (True, 0, "0")

@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
     """A case on two levels, h = 1/8 and 1/16, H = 2h."""
 
     @cache
-    def made(name):
+    def export_case(name):
         out = tmp_path_factory.mktemp("clamped") / name
         with redirect_stdout(StringIO()):  # a test that reads JSON may be the first to ask for the case
             assert (
@@ -41,27 +41,27 @@ def folder(tmp_path_factory):
             )
         return out
 
-    return made
+    return export_case
 
 
 @pytest.fixture(scope="module")
-def own(folder):
+def own_solution(folder):
     """The case, the finest level and this project's solution there."""
 
     @cache
-    def solved(name):
+    def solve_exported_case(name):
         case, levels = read_exported_folder(folder(name))
         return case, levels, ul.solve(case, H=levels[-1].partition.H, mesh=levels[-1].mesh)
 
-    return solved
+    return solve_exported_case
 
 
 @pytest.fixture
-def scored(own, tmp_path):
+def score_spoilt(own_solution, tmp_path):
     """The score of u and columns beside it at the nodes, and of values on the cells."""
 
     def scoring(name, u, cells=None, **nodal):
-        case, levels, _ = own(name)
+        case, levels, _ = own_solution(name)
         x, y = levels[-1].mesh.points.T
         pd.DataFrame({"x": x, "y": y, "u": u, **nodal}).to_csv(tmp_path / "u.csv", index=False)
         if cells is None:
@@ -78,8 +78,8 @@ def scored(own, tmp_path):
 
 def clamped_nodes(mesh, side):
     """The nodes of a side, its ends included."""
-    at = np.flatnonzero(mesh.side == side)
-    return mesh.boundary[np.append(at, at[-1] + 1) % len(mesh.boundary)]
+    indices = np.flatnonzero(mesh.side == side)
+    return mesh.boundary[np.append(indices, indices[-1] + 1) % len(mesh.boundary)]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -92,16 +92,16 @@ def test_the_files_tell_what_is_given_where(folder, name):
     case, (*_, level) = read_exported_folder(folder(name))
     nodes = pd.read_csv(folder(name) / "level_1/nodes.csv")
     cells = pd.read_csv(folder(name) / "level_1/partition.csv")
-    on = clamped_nodes(level.mesh, side)
-    assert (np.flatnonzero(nodes.u_D.notna()) == np.sort(on)).all()
-    names = {"x": nodes.x[on], "y": nodes.y[on]}
+    subset = clamped_nodes(level.mesh, side)
+    assert (np.flatnonzero(nodes.u_D.notna()) == np.sort(subset)).all()
+    names = {"x": nodes.x[subset], "y": nodes.y[subset]}
     exec(DEFINITIONS, names)
-    np.testing.assert_allclose(nodes.u_D[on], eval(problem["u_D"][side], names), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(nodes.u_D[subset], eval(problem["u_D"][side], names), rtol=0, atol=1e-15)
     np.testing.assert_allclose(
-        nodes.u_D[on], case.exact.value_and_gradient(level.mesh.points[on])[0], rtol=0, atol=1e-15
+        nodes.u_D[subset], case.exact.value_and_gradient(level.mesh.points[subset])[0], rtol=0, atol=1e-15
     )
-    others = np.setdiff1d(level.mesh.boundary, on)
-    assert (np.flatnonzero(nodes.g.notna()) == others).all()
+    contact_nodes = np.setdiff1d(level.mesh.boundary, subset)
+    assert (np.flatnonzero(nodes.g.notna()) == contact_nodes).all()
     assert (cells.g_mean.isna() == (cells.side == side)).all()
     rule = xr.load_dataset(folder(name) / "level_1/quadrature.nc")
     assert (np.isnan(rule.g) == (rule.side == side)).all()
@@ -126,23 +126,23 @@ def test_the_readme_and_the_modules_tell_the_problem(folder, name):
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("ending", [".nc", ".vtu"])
-def test_this_projects_own_solution_scores_its_own_errors(own, run, folder, tmp_path, name, ending):
+def test_this_projects_own_solution_scores_its_own_errors(own_solution, run, folder, tmp_path, name, ending):
     """By `Solution.errors`, which never saw a file."""
-    _, _, solution = own(name)
+    _, _, solution = own_solution(name)
     solution.save(tmp_path / f"own{ending}")
     code, out, _ = run("score", folder(name), tmp_path / f"own{ending}", "--json")
-    (one,) = json.loads(out)["solutions"]
-    assert (code, one["faults"]) == (0, [])
+    (record,) = json.loads(out)["solutions"]
+    assert (code, record["faults"]) == (0, [])
     # On edges the same function takes other quadrature points; `dual` rounds 1e-9 of the norm of lambda.
     tolerance = 1e-12 if ending == ".nc" else 1e-6
-    assert one["errors"] == pytest.approx(solution.errors._asdict(), rel=tolerance)
-    assert one["own_errors"] == pytest.approx(solution.errors._asdict(), rel=1e-12)
+    assert record["errors"] == pytest.approx(solution.errors._asdict(), rel=tolerance)
+    assert record["own_errors"] == pytest.approx(solution.errors._asdict(), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_norm_of_u_is_named(own, run, folder, tmp_path, name):
+def test_the_norm_of_u_is_named(own_solution, run, folder, tmp_path, name):
     """As text and on the page."""
-    own(name)[2].save(tmp_path / "own.nc")
+    own_solution(name)[2].save(tmp_path / "own.nc")
     code, out, _ = run("score", folder(name), tmp_path / "own.nc", "--html", tmp_path / "own.html")
     assert (code, f"{name}: no fault was found; " in out) == (0, True)
     assert ("u in |·|₁" if CASES[name][1] == 0 else "u in H¹") in (tmp_path / "own.html").read_text()
@@ -151,9 +151,9 @@ def test_the_norm_of_u_is_named(own, run, folder, tmp_path, name):
 
 def driver():
     spec = importlib.util.spec_from_file_location("driver", ROOT / "examples/score_scikit_fem.py")
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -168,114 +168,114 @@ def test_scikit_fem_solves_what_is_exported(folder, tmp_path, run, name):
         table.to_csv(tmp_path / f"{level.name}.csv", index=False)
     code, out, _ = run("score", folder(name), *(tmp_path / f"{level.name}.csv" for level in levels), "--json")
     assert code == 0
-    for one in json.loads(out)["solutions"]:
-        assert (one["faults"], one["remarks"]) == ([], [])
-        assert one["errors"]["h1"] <= 1.05 * one["own_errors"]["h1"]
-        assert one["errors"]["hm12_upper"] > 0
+    for solution in json.loads(out)["solutions"]:
+        assert (solution["faults"], solution["remarks"]) == ([], [])
+        assert solution["errors"]["h1"] <= 1.05 * solution["own_errors"]["h1"]
+        assert solution["errors"]["hm12_upper"] > 0
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_own_files_are_scored_though_they_have_no_multiplier_on_clamped_sides(
-    own, folder, tmp_path, run, name
+    own_solution, folder, tmp_path, run, name
 ):
     """It is missing there, in CSV, netCDF and VTU; the reaction is not 0."""
-    _, levels, solution = own(name)
+    _, levels, solution = own_solution(name)
     assert np.isnan(solution.multiplier).any()
     solution.save(tmp_path / "s.nc")
     solution.save(tmp_path / "s.vtu")
     solution.save(tmp_path / "cells.csv")
     x, y = levels[-1].mesh.points.T
     pd.DataFrame({"x": x, "y": y, "u": solution.u}).to_csv(tmp_path / "u.csv", index=False)
-    for given in (["s.nc"], ["s.vtu"], ["u.csv", "--multiplier", "cells.csv"]):
-        files = [each if each.startswith("--") else tmp_path / each for each in given]
+    for arguments in (["s.nc"], ["s.vtu"], ["u.csv", "--multiplier", "cells.csv"]):
+        files = [argument if argument.startswith("--") else tmp_path / argument for argument in arguments]
         _, out, _ = run("score", folder(name), *files, "--json")
-        (one,) = json.loads(out)["solutions"]
-        assert (one["faults"], one["errors"]["l2"] > 0) == ([], True), given
+        (record,) = json.loads(out)["solutions"]
+        assert (record["faults"], record["errors"]["l2"] > 0) == ([], True), arguments
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_nothing_is_asked_of_a_multiplier_on_clamped_sides(own, scored, name):
+def test_nothing_is_asked_of_a_multiplier_on_clamped_sides(own_solution, score_spoilt, name):
     """Whatever stands there, on cells or as reactions at nodes, changes no error and is no fault."""
-    _, levels, solution = own(name)
+    _, levels, solution = own_solution(name)
     mesh = levels[-1].mesh
     cells = levels[-1].partition
     mu = solution.multiplier
-    right = scored(name, solution.u, mu)
-    at = scored(name, solution.u, np.where(cells.side == CASES[name][0], 7.0, mu))
-    assert (at.errors, at.faults) == (right.errors, [])
+    right = score_spoilt(name, solution.u, mu)
+    scores = score_spoilt(name, solution.u, np.where(cells.side == CASES[name][0], 7.0, mu))
+    assert (scores.errors, scores.faults) == (right.errors, [])
     reactions = np.zeros(mesh.n_nodes)
     reactions[mesh.boundary] = piecewise_constant(cells, np.nan_to_num(mu)).load(mesh)
-    plain = scored(name, solution.u, reaction=reactions)
+    plain = score_spoilt(name, solution.u, reaction=reactions)
     reactions[clamped_nodes(mesh, CASES[name][0])] = 7.0
-    other = scored(name, solution.u, reaction=reactions)
-    assert other.errors == plain.errors
-    on = cells.side != CASES[name][0]
-    spoilt = scored(name, solution.u, np.where(on, mu + 7.0, mu))
+    other_scores = score_spoilt(name, solution.u, reaction=reactions)
+    assert other_scores.errors == plain.errors
+    subset = cells.side != CASES[name][0]
+    spoilt = score_spoilt(name, solution.u, np.where(subset, mu + 7.0, mu))
     assert spoilt.errors.l2 > 2 * right.errors.l2
     assert spoilt.faults != []
 
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("size", [1.0, 0.01])
-def test_a_spoilt_value_at_a_clamped_node_is_named_with_its_place(own, scored, name, size):
+def test_a_spoilt_value_at_a_clamped_node_is_named_with_its_place(own_solution, score_spoilt, name, size):
     """It alone: the equation holds where u_D takes its place. With a thousandth of 1 % u passes."""
-    _, levels, solution = own(name)
+    _, levels, solution = own_solution(name)
     mesh = levels[-1].mesh
     node = clamped_nodes(mesh, CASES[name][0])[2]
     u = solution.u.copy()
     (x, y) = mesh.points[node]
     u[node] += size * np.abs(u).max()
     for cells in (None, solution.multiplier):
-        (fault,) = scored(name, u, cells).faults
+        (fault,) = score_spoilt(name, u, cells).faults
         assert fault.startswith(f"u is not u_D on the clamped side {CASES[name][0]}: u - u_D is ")
         assert fault.endswith(f" at ({x:g}, {y:g})")
         measured = float(re.search(r"u - u_D is (\S+) at", fault)[1])
         assert measured == pytest.approx(size * np.abs(solution.u).max(), rel=0.05)
     u[node] = solution.u[node] + 1e-5 * np.abs(u).max()
-    assert scored(name, u, solution.multiplier).faults == []
+    assert score_spoilt(name, u, solution.multiplier).faults == []
 
 
-def test_values_of_another_solution_are_named_once(own, scored):
+def test_values_of_another_solution_are_named_once(own_solution, score_spoilt):
     """u_D + 1 on the side, with the u that belongs to it by sparse elimination: inside nothing is wrong."""
-    _, levels, solution = own("clamped")
+    _, levels, solution = own_solution("clamped")
     mesh = levels[-1].mesh
     K = stiffness_and_mass(mesh)[0]
-    on = clamped_nodes(mesh, 2)
+    subset = clamped_nodes(mesh, 2)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    more = np.zeros(mesh.n_nodes)
-    more[on] = 1.0
-    more[inside] = spsolve(K[inside][:, inside].tocsc(), -(K @ more)[inside])
-    (fault,) = scored("clamped", solution.u + more).faults
+    extra = np.zeros(mesh.n_nodes)
+    extra[subset] = 1.0
+    extra[inside] = spsolve(K[inside][:, inside].tocsc(), -(K @ extra)[inside])
+    (fault,) = score_spoilt("clamped", solution.u + extra).faults
     assert fault.startswith("u is not u_D on the clamped side 2: u - u_D is 1 at ")
 
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("method", author.METHODS)
 @pytest.mark.filterwarnings("ignore:Matrix is exactly singular")
-def test_a_clamped_side_that_is_left_free_is_named(own, folder, tmp_path, run, name, method):
+def test_a_clamped_side_that_is_left_free_is_named(own_solution, folder, tmp_path, run, name, method):
     """Also for `clamped_270`, where no such solution exists: f pushes u up, and c is 0, so that u is huge."""
-    u, _ = author.solved(author.read(folder(name), "level_1"), "clamped side left free", method)
+    u, _ = author.solve_level(author.read(folder(name), "level_1"), "clamped side left free", method)
     u.to_csv(tmp_path / "u.csv", index=False)
     code, out, _ = run("score", folder(name), tmp_path / "u.csv", "--json")
-    (one,) = json.loads(out)["solutions"]
-    said = f"u is left free on the clamped side {CASES[name][0]}: u - u_D is "
-    assert (code, sum(fault.startswith(said) for fault in one["faults"])) == (1, 1)
-    assert len(one["faults"]) == (2 if name == "clamped_270" else 1)
+    (record,) = json.loads(out)["solutions"]
+    text = f"u is left free on the clamped side {CASES[name][0]}: u - u_D is "
+    assert (code, sum(fault.startswith(text) for fault in record["faults"])) == (1, 1)
+    assert len(record["faults"]) == (2 if name == "clamped_270" else 1)
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_spoilt_multiplier_is_named(own, scored, name):
-    _, _, solution = own(name)
+def test_a_spoilt_multiplier_is_named(own_solution, score_spoilt, name):
+    _, _, solution = own_solution(name)
     u = solution.u
     mu = solution.multiplier
-    for wrong, said in (
+    for wrong, message in (
         (-mu, "the multiplier has the wrong sign: -1 times"),
         (2 * mu, "the wrong scale: 2 "),
     ):
-        (fault,) = scored(name, u, wrong).faults
-        assert said in fault
+        (fault,) = score_spoilt(name, u, wrong).faults
+        assert message in fault
     wave = np.where(np.arange(len(mu)) % 2, 1.1, 0.9)
-    (fault,) = scored(name, u, wave * mu).faults
+    (fault,) = score_spoilt(name, u, wave * mu).faults
     form, norm = ("(u, v)_1", "H1") if CASES[name][1] else ("(grad u, grad v)", "|.|_1")
     assert f"{form} - <lambda, v> - (f, v) is " in fault
     assert fault.endswith(f" in {norm}")

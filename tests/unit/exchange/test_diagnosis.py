@@ -47,68 +47,76 @@ def problem():
 
 
 @cache
-def own():
+def solve_own():
     """u, lambda_H and the errors of this project."""
     solved = solve_condensed_problem(problem())
     return (
         solved.u_h,
         solved.lambda_H,
-        solve_reference(load("natural").problem, given(solved.u_h).level).errors,
+        solve_reference(load("natural").problem, make_foreign_solution(solved.u_h).level).errors,
     )
 
 
-def given(u, mu=None):
+def make_foreign_solution(u, mu=None):
     return ForeignSolution("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
 
 
-def told(u, mu=None):
-    found = diagnose_solution(load("natural").problem, given(u, mu), problem(), own()[2], own()[0])
-    return [str(fault) for fault in found.faults]
+def list_faults(u, mu=None):
+    diagnosis = diagnose_solution(
+        load("natural").problem, make_foreign_solution(u, mu), problem(), solve_own()[2], solve_own()[0]
+    )
+    return [str(fault) for fault in diagnosis.faults]
 
 
-def on_cells(values):
+def make_cell_values(values):
     return piecewise_constant(problem().partition, values)
 
 
 def spoilt(how, s):
     """u and a multiplier."""
-    u, mu, errors = own()
+    u, mu, errors = solve_own()
     if how.startswith("u times"):
         return (1 + s) * u, None
     if how.startswith("λ times"):
-        return u, on_cells((1 + s) * mu)
+        return u, make_cell_values((1 + s) * mu)
     if how.startswith("λ and"):
-        return u, on_cells(mu + s * mu.max() * (-1.0) ** np.arange(len(mu)))
+        return u, make_cell_values(mu + s * mu.max() * (-1.0) ** np.arange(len(mu)))
     if how.startswith("g"):
-        of = problem()
-        other = replace(of, offset=of.offset - s, g_means=of.g_means + s, exact=None, data=None)
-        found = solve_condensed_problem(other, Stop(tolerance=1e-7))
-        return found.u_h, on_cells(found.lambda_H)
-    return uzawa(s * errors.hm12_lower) if how.startswith("Uzawa") else (jacobi(s * errors.h1), on_cells(mu))
+        discrete = problem()
+        second = replace(
+            discrete, offset=discrete.offset - s, g_means=discrete.g_means + s, exact=None, data=None
+        )
+        condensed_problem = solve_condensed_problem(second, Stop(tolerance=1e-7))
+        return condensed_problem.u_h, make_cell_values(condensed_problem.lambda_H)
+    return (
+        uzawa(s * errors.hm12_lower)
+        if how.startswith("Uzawa")
+        else (jacobi(s * errors.h1), make_cell_values(mu))
+    )
 
 
 def uzawa(distance):
     """The first of Uzawa's iterates from 0 for whose u ||u - u_h||_1 is at most that distance."""
-    of = problem()
+    discrete = problem()
     operator = problem().spaces.operator
-    exact = solve_by_active_set(operator, of.offset, 1e-10).lambda_H
-    mu = np.zeros(len(of.offset))
+    exact = solve_by_active_set(operator, discrete.offset, 1e-10).lambda_H
+    mu = np.zeros(len(discrete.offset))
     while np.linalg.norm(operator.D_factor @ (mu - exact)) > distance:
-        mu = np.maximum(0, mu - operator.gap(mu, of.offset) / operator.lambda_max)
-    return of.spaces.response(of.load, mu), on_cells(mu)
+        mu = np.maximum(0, mu - operator.gap(mu, discrete.offset) / operator.lambda_max)
+    return discrete.spaces.response(discrete.load, mu), make_cell_values(mu)
 
 
 def jacobi(distance):
     """The first of Jacobi's iterates from 0 inside, u_h on the boundary, that is as near to u_h."""
-    of = problem()
-    (u_h, _, _) = own()
-    A = of.spaces.condensed.A
-    boundary = of.mesh.boundary
+    discrete = problem()
+    (u_h, _, _) = solve_own()
+    A = discrete.spaces.condensed.A
+    boundary = discrete.mesh.boundary
     u = np.zeros(len(u_h))
     inside = np.setdiff1d(np.arange(len(u_h)), boundary)
     u[boundary] = u_h[boundary]
     while (u - u_h) @ (A @ (u - u_h)) > distance**2:
-        u[inside] += ((of.load - A @ u) / A.diagonal())[inside]
+        u[inside] += ((discrete.load - A @ u) / A.diagonal())[inside]
     return u
 
 
@@ -118,49 +126,49 @@ def test_a_spoilt_solution_is_named_from_the_size_on_that_is_documented(how):
     size, fault = SMALLEST[how]
     assert f"| {how} | {size:g} |" in (ROOT / "docs/own-solver.md").read_text()
     for s in (GROSS.get(how, 0.1), size):
-        assert any(fault in each for each in told(*spoilt(how, s)))
-    assert told(*spoilt(how, size / (4 if size == 0.02 else 2))) == []
+        assert any(fault in item for item in list_faults(*spoilt(how, s)))
+    assert list_faults(*spoilt(how, size / (4 if size == 0.02 else 2))) == []
 
 
-def without_multiplier(of):
+def solve_without_multiplier(discrete):
     """The condensed matrix, and u (nb,) on the boundary for the load of f alone."""
-    return of.spaces.condensed, of.spaces.condensed.solve(of.load)[of.mesh.boundary]
+    return discrete.spaces.condensed, discrete.spaces.condensed.solve(discrete.load)[discrete.mesh.boundary]
 
 
-def of_load(of, reactions):
+def solve_for_reactions(discrete, reactions):
     """(n,) the u that belongs to the reactions (nb,)."""
-    total = of.load.copy()
-    total[of.mesh.boundary] += reactions
-    return of.spaces.condensed.solve(total)
+    total = discrete.load.copy()
+    total[discrete.mesh.boundary] += reactions
+    return discrete.spaces.condensed.solve(total)
 
 
 def solutions_with(conditions_of):
     """u, reactions (nb,) and what is >= 0, for all conditions that a multiplier may belong to."""
-    of = problem()
-    for each in list_conditions(load("natural").problem, of, conditions_of):
-        reactions, bound = each.multiplier_load(*without_multiplier(of), 1e-9)
+    discrete = problem()
+    for condition in list_conditions(load("natural").problem, discrete, conditions_of):
+        reactions, bound = condition.multiplier_load(*solve_without_multiplier(discrete), 1e-9)
         assert bound <= 1e-9
-        yield of_load(of, reactions), reactions, each.description
+        yield solve_for_reactions(discrete, reactions), reactions, condition.description
 
 
-def on_edges():
+def make_zero_trace():
     return piecewise_linear(problem().mesh, np.zeros(len(problem().mesh.boundary)))
 
 
 def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
     """Both are solutions of discrete problems; a lumped multiplier is a function that fits no u."""
     masses = boundary_mass(problem().mesh).sum(axis=1)
-    seen = []
-    for u, reactions, what in solutions_with(on_edges()):
-        seen.append(what)
-        assert told(u, represent_reactions(problem().mesh, reactions)) == []
-        (fault,) = told(u, piecewise_linear(problem().mesh, reactions / masses))
+    calls = []
+    for u, reactions, fault_name in solutions_with(make_zero_trace()):
+        calls.append(fault_name)
+        assert list_faults(u, represent_reactions(problem().mesh, reactions)) == []
+        (fault,) = list_faults(u, piecewise_linear(problem().mesh, reactions / masses))
         assert "lumped" in fault
         for factor in (-1, 1.01):
-            lumped, scaled = told(u, piecewise_linear(problem().mesh, factor * reactions / masses))
+            lumped, scaled = list_faults(u, piecewise_linear(problem().mesh, factor * reactions / masses))
             assert "lumped" in lumped
             assert f"{factor:g} times" in scaled
-    assert seen == ["at the nodes", "tested against each hat function"]
+    assert calls == ["at the nodes", "tested against each hat function"]
 
 
 def test_the_conditions_are_what_they_say():
@@ -168,9 +176,9 @@ def test_the_conditions_are_what_they_say():
     mesh = problem().mesh
     case = load("natural").problem
     starts = mesh.polygon.starts[mesh.side]
-    for u, reactions, what in solutions_with(on_edges()):
+    for u, reactions, fault_name in solutions_with(make_zero_trace()):
         value = u[mesh.boundary]
-        if what == "at the nodes":
+        if fault_name == "at the nodes":
             exact, _, gap = case.exact.trace_flux_and_gap(mesh.side, mesh.s[:-1] - starts)
             gaps = value - (exact - gap)
         else:
@@ -185,7 +193,7 @@ def test_the_conditions_are_what_they_say():
 
 def moments(mesh, case, value):
     """Integrals of (v - g) phi_j, v P1 with the values (nb,)."""
-    found = np.zeros(len(value))
+    values = np.zeros(len(value))
     k = 40
     x = (np.arange(k) + 0.5) / k
     for edge, length in enumerate(np.diff(mesh.s)):
@@ -194,9 +202,9 @@ def moments(mesh, case, value):
         exact, _, gap = case.exact.trace_flux_and_gap(side, s)
         after = (edge + 1) % len(value)
         difference = (1 - x) * value[edge] + x * value[after] - (exact - gap)
-        found[edge] += length / k * np.sum(difference * (1 - x))
-        found[after] += length / k * np.sum(difference * x)
-    return found
+        values[edge] += length / k * np.sum(difference * (1 - x))
+        values[after] += length / k * np.sum(difference * x)
+    return values
 
 
 def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
@@ -204,24 +212,24 @@ def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
 
     By the mass matrix, which integrates products of P1 functions; the others must differ.
     """
-    of = problem()
+    discrete = problem()
     mass = stiffness_and_mass(problem().mesh)[1]
     for f, exact in ((lambda p: 1 + 0 * p[:, 0], 4), (lambda p: 1 + 2 * p[:, 0] - 3 * p[:, 1], 2)):
-        found = [load for name, load in list_candidate_loads(SimpleNamespace(source=f), of) if name]
-        right = [np.allclose(load, mass @ f(of.mesh.points), rtol=0, atol=1e-15) for load in found]
-        assert (len(found), sum(right), right[0], right[-1]) == (4, exact, True, True)
+        loads = [load for name, load in list_candidate_loads(SimpleNamespace(source=f), discrete) if name]
+        right = [np.allclose(load, mass @ f(discrete.mesh.points), rtol=0, atol=1e-15) for load in loads]
+        assert (len(loads), sum(right), right[0], right[-1]) == (4, exact, True, True)
 
 
 def test_two_swapped_nodes_are_placed():
     """Two inner ones, about which the equation holds least."""
-    u = own()[0]
+    u = solve_own()[0]
     mesh = problem().mesh
-    one = int(np.argmin(np.hypot(*(mesh.points - [0.25, 0.25]).T)))
-    other = int(np.argmin(np.hypot(*(mesh.points - [0.75, 0.5]).T)))
+    node = int(np.argmin(np.hypot(*(mesh.points - [0.25, 0.25]).T)))
+    second = int(np.argmin(np.hypot(*(mesh.points - [0.75, 0.5]).T)))
     swapped = u.copy()
-    swapped[[one, other]] = u[[other, one]]
-    (fault,) = told(swapped)
-    x, y = mesh.points[[one, other]].T
+    swapped[[node, second]] = u[[second, node]]
+    (fault,) = list_faults(swapped)
+    x, y = mesh.points[[node, second]].T
     assert any(f"largest at ({a:g}, {b:g})" in fault for a, b in zip(x, y, strict=True))
 
 
@@ -231,63 +239,63 @@ def test_wrong_values_are_not_called_right_ones_at_other_nodes(size):
 
     What tells is the distance in L2, about 0.0025 for this project's u_h: that in H1 is 0.19.
     """
-    u = own()[0]
+    u = solve_own()[0]
     (x, y) = problem().mesh.points.T
     shuffled = np.random.default_rng(4).permutation(u)
-    assert "at other nodes" in told(shuffled)[0]
+    assert "at other nodes" in list_faults(shuffled)[0]
     for wrong in ((1 + size) * shuffled, u + size * np.sin(3 * x) * np.sin(2 * y)):
-        (fault,) = told(wrong)
+        (fault,) = list_faults(wrong)
         assert "does not hold inside the domain, and no known bug explains it" in fault
 
 
-def counted(mu, vertex, clockwise):
+def renumber_cells(mu, vertex, clockwise):
     """Values in the order of arc length from another vertex, or clockwise."""
     count = len(mu) // 4 * vertex
     return np.roll(mu[::-1], count) if clockwise else np.roll(mu, -count)
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (lambda u, mu: (-u, mu), "u has the wrong sign: -1 times"),
-        (lambda u, mu: (u, counted(mu, 0, True)), "begins at vertex 0 and runs clockwise;"),
-        (lambda u, mu: (u, counted(mu, 1, False)), "begins at vertex 1 and runs anticlockwise;"),
-        (lambda u, mu: (u, counted(mu, 3, True)), "begins at vertex 3 and runs clockwise;"),
+        (lambda u, mu: (u, renumber_cells(mu, 0, True)), "begins at vertex 0 and runs clockwise;"),
+        (lambda u, mu: (u, renumber_cells(mu, 1, False)), "begins at vertex 1 and runs anticlockwise;"),
+        (lambda u, mu: (u, renumber_cells(mu, 3, True)), "begins at vertex 3 and runs clockwise;"),
         (lambda u, mu: (u, mu + 1), "do not fit"),
         (lambda u, mu: (u, np.minimum(mu, 2)), "do not fit"),
         (lambda u, mu: (u, mu.mean() + 0 * mu), "do not fit"),
         (lambda u, mu: (np.ones_like(u), None), "does not hold inside"),
     ],
 )
-def test_what_is_spoilt_in_one_way_has_one_fault(spoil, said):
+def test_what_is_spoilt_in_one_way_has_one_fault(spoil, message):
     """No factor is made up for another multiplier or another u.
 
     A constant dominates the dual norm, and has much in common with lambda, but it leaves more than 1 %. And
     (1, v)_1 is nearly a multiple of an f that is nearly constant.
     """
-    u, mu = spoil(*own()[:2])
-    (fault,) = told(u, None if mu is None else on_cells(mu))
-    assert said in fault
+    u, mu = spoil(*solve_own()[:2])
+    (fault,) = list_faults(u, None if mu is None else make_cell_values(mu))
+    assert message in fault
 
 
 def test_a_multiplier_of_zeros_has_no_scale():
     """The norm of what u's equation has is that of lambda_H, and of its response in H1."""
-    u, mu, _ = own()
-    of = problem()
-    response = of.spaces.response(np.zeros_like(u), mu)
-    norm = np.sqrt(response @ (of.spaces.condensed.A @ response))
-    (fault,) = told(u, on_cells(0 * mu))
+    u, mu, _ = solve_own()
+    discrete = problem()
+    response = discrete.spaces.response(np.zeros_like(u), mu)
+    norm = np.sqrt(response @ (discrete.spaces.condensed.A @ response))
+    (fault,) = list_faults(u, make_cell_values(0 * mu))
     assert fault == f"the multiplier is 0 everywhere, but that of u's equation is not: its norm is {norm:.2g}"
 
 
 def test_the_distance_from_a_right_solution_is_a_lower_bound():
     """As printed, by the true distance in H1; rounded to the nearest, some would not be."""
-    u_h = own()[0]
+    u_h = solve_own()[0]
     A = problem().spaces.condensed.A
     nearest_is_above = []
     for s in np.linspace(0.01, 0.02, 5):
         u, mu = spoilt("g + s in place of g", s)
-        (fault,) = told(u, mu)
+        (fault,) = list_faults(u, mu)
         distance = np.sqrt((u - u_h) @ (A @ (u - u_h)))
         printed = float(re.search(r": u is at least (\S+) in H1 away from the solution with", fault)[1])
         assert 0.85 * distance < printed <= distance
@@ -297,7 +305,7 @@ def test_the_distance_from_a_right_solution_is_a_lower_bound():
 
 def test_what_is_not_known_of_a_factor_is_rounded_up():
     """A multiple of lambda_H and a part orthogonal to it in the dual norm, of a known size."""
-    u, mu, _ = own()
+    u, mu, _ = solve_own()
     operator = problem().spaces.operator
     noise = np.random.default_rng(5).standard_normal(len(mu))
     half_mu = operator.D_factor @ mu
@@ -306,29 +314,29 @@ def test_what_is_not_known_of_a_factor_is_rounded_up():
     noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.D_factor @ noise)
     nearest_is_below = []
     for size in (1.2e-4, 1.4e-4, 1.7e-4):
-        (fault,) = told(u, on_cells(-2 * mu + size * noise))
-        left = float(re.search(r"wrong sign: -2 times what u's equation has, to (\S+)", fault)[1])
-        assert size < left <= 2e-4
+        (fault,) = list_faults(u, make_cell_values(-2 * mu + size * noise))
+        remaining = float(re.search(r"wrong sign: -2 times what u's equation has, to (\S+)", fault)[1])
+        assert size < remaining <= 2e-4
         nearest_is_below.append(float(f"{size:.1g}") < size)
     assert any(nearest_is_below)
 
 
 def test_sentences_of_a_fault_have_one_colon():
     """It stands between what is wrong and what was measured."""
-    u, mu, _ = own()
+    u, mu, _ = solve_own()
     random = np.random.default_rng(6).standard_normal(len(u))
     faults = [
-        *told(u + 1e-3 * random, on_cells(mu)),
-        *told(*spoilt("g + s in place of g", 0.01)),
-        *told(u, on_cells(mu + 1)),
-        *told(u, on_cells(0 * mu)),
+        *list_faults(u + 1e-3 * random, make_cell_values(mu)),
+        *list_faults(*spoilt("g + s in place of g", 0.01)),
+        *list_faults(u, make_cell_values(mu + 1)),
+        *list_faults(u, make_cell_values(0 * mu)),
     ]
-    for each in (EqualityConditions, ReversedConditions):
-        (right,) = list_conditions(load("natural").problem, problem(), on_cells(mu))
-        reactions, _ = each(**vars(right)).multiplier_load(*without_multiplier(problem()), 1e-9)
+    for conditions in (EqualityConditions, ReversedConditions):
+        (right,) = list_conditions(load("natural").problem, problem(), make_cell_values(mu))
+        reactions, _ = conditions(**vars(right)).multiplier_load(*solve_without_multiplier(problem()), 1e-9)
         wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
-        faults += told(of_load(problem(), reactions), on_cells(wrong))
-    assert [each.count(":") for each in faults] == 6 * [1]
+        faults += list_faults(solve_for_reactions(problem(), reactions), make_cell_values(wrong))
+    assert [fault.count(":") for fault in faults] == 6 * [1]
     assert "explains it (perhaps the linear solve stopped too early" in faults[0]
     assert "explains it (perhaps the iteration stopped too early" in faults[1]
     assert "the conditions hold as equations (u = g everywhere)" in faults[4]
@@ -337,12 +345,12 @@ def test_sentences_of_a_fault_have_one_colon():
 
 def test_a_wrong_sign_is_named_where_u_is_wrong_too():
     """By the exact lambda, as the equation of a wrong u says nothing; a right sign is not."""
-    u, mu, _ = own()
+    u, mu, _ = solve_own()
     spoilt_u = u + np.sin(50 * problem().mesh.points[:, 0])
-    of_u, of_lambda = told(spoilt_u, on_cells(-mu))
-    assert "does not hold inside" in of_u
-    assert "the multiplier has the wrong sign" in of_lambda
-    assert len(told(spoilt_u, on_cells(mu))) == 1
+    u_faults, lambda_faults = list_faults(spoilt_u, make_cell_values(-mu))
+    assert "does not hold inside" in u_faults
+    assert "the multiplier has the wrong sign" in lambda_faults
+    assert len(list_faults(spoilt_u, make_cell_values(mu))) == 1
 
 
 @pytest.mark.parametrize(
@@ -354,19 +362,19 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
 
     A test of errors' sizes would fail here: they are as large as the solution.
     """
-    of = discrete(name, *sizes)
+    posed = discrete(name, *sizes)
     case = load(name).problem
-    solved = solve_condensed_problem(of)
-    level = ExportedLevel("level_0", of.mesh, of.partition)
-    one = score_solution(
+    solved = solve_condensed_problem(posed)
+    level = ExportedLevel("level_0", posed.mesh, posed.partition)
+    solution = score_solution(
         case,
-        ForeignSolution("file", level, solved.u_h, piecewise_constant(of.partition, solved.lambda_H), ""),
+        ForeignSolution("file", level, solved.u_h, piecewise_constant(posed.partition, solved.lambda_H), ""),
     )
-    assert one.faults == []
-    nothing = piecewise_linear(of.mesh, np.zeros(len(of.mesh.boundary)))
-    for each in list_conditions(case, of, nothing):
-        reactions, _ = each.multiplier_load(*without_multiplier(of), 1e-6)
-        u = of_load(of, reactions)
-        mu = represent_reactions(of.mesh, reactions)
+    assert solution.faults == []
+    nothing = piecewise_linear(posed.mesh, np.zeros(len(posed.mesh.boundary)))
+    for condition in list_conditions(case, posed, nothing):
+        reactions, _ = condition.multiplier_load(*solve_without_multiplier(posed), 1e-6)
+        u = solve_for_reactions(posed, reactions)
+        mu = represent_reactions(posed.mesh, reactions)
         handed_in = ForeignSolution("file", level, u, mu, "")
-        assert diagnose_solution(case, handed_in, of, one.reference_errors, solved.u_h) == ([], [])
+        assert diagnose_solution(case, handed_in, posed, solution.reference_errors, solved.u_h) == ([], [])

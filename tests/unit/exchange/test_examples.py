@@ -32,7 +32,7 @@ def text(solver):
 
 
 @pytest.fixture(scope="module", params=DRIVERS)
-def told(request, tmp_path_factory):
+def driver_run(request, tmp_path_factory):
     """The exported folder and what `score --json` says, after the commands in the driver's first lines."""
     solver = request.param
     folder = tmp_path_factory.mktemp("driver")
@@ -78,26 +78,26 @@ def test_a_driver_says_in_a_sentence_what_is_missing(solver, tmp_path):
     assert " is missing; " in done.stderr
 
 
-def test_a_driver_reaches_the_proved_rates(told):
+def test_a_driver_reaches_the_proved_rates(driver_run):
     """(4.11)-(4.13); no function of V_h is nearer to u in H1 than its Ritz projection.
 
     A driver that solved another problem would be told a fault, or have no rate.
     """
-    _, _, found = told
-    assert found["verdict"] == "reaches the proved rates"
-    assert [one["level"] for one in found["solutions"]] == ["level_0", "level_1", "level_2"]
-    for one, n in zip(found["solutions"], (8, 16, 32), strict=True):
-        assert one["faults"] == []
+    _, _, computed = driver_run
+    assert computed["verdict"] == "reaches the proved rates"
+    assert [solution["level"] for solution in computed["solutions"]] == ["level_0", "level_1", "level_2"]
+    for record, n in zip(computed["solutions"], (8, 16, 32), strict=True):
+        assert record["faults"] == []
         best = discrete("natural", n, n // 2).exact.ritz.ritz_error
-        assert best * (1 - 1e-9) <= one["errors"]["h1"]
-        assert one["errors"]["hm12_upper"] > 0
+        assert best * (1 - 1e-9) <= record["errors"]["h1"]
+        assert record["errors"]["hm12_upper"] > 0
 
 
-def test_a_driver_has_the_load_of_the_exported_quadrature(told):
+def test_a_driver_has_the_load_of_the_exported_quadrature(driver_run):
     """Its equation holds inside up to rounding. Corners of triangles in another order would miss by 1e-3."""
-    folder, words, _ = told
+    folder, words, _ = driver_run
     _, levels = read_exported_folder(folder / "natural")
     for file, n in zip(words[1:4], (8, 16, 32), strict=True):
         problem = discrete("natural", n, n // 2)
-        of = Residual(problem, read_foreign_solution(levels, str(folder / file)).u, problem.load)
-        assert of.interior_norm <= 1e-10 * of.discrete.exact.ritz.u_norm
+        residual = Residual(problem, read_foreign_solution(levels, str(folder / file)).u, problem.load)
+        assert residual.interior_norm <= 1e-10 * residual.discrete.exact.ritz.u_norm

@@ -29,10 +29,10 @@ from unilateral.problems import case as cases
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """`natural` on two levels, h = 1/4 and 1/8, H = 2h."""
-    made = tmp_path_factory.mktemp("export") / "natural"
-    arguments = ["--h", "1/8", "--H", "1/4", "--levels", "2", "--out", str(made)]
+    exported = tmp_path_factory.mktemp("export") / "natural"
+    arguments = ["--h", "1/8", "--H", "1/4", "--levels", "2", "--out", str(exported)]
     assert main(["export", "natural", *arguments]) == 0
-    return made
+    return exported
 
 
 def test_what_is_written_is_told_a_line_for_each_folder(run, tmp_path):
@@ -40,8 +40,8 @@ def test_what_is_written_is_told_a_line_for_each_folder(run, tmp_path):
     assert (code, err) == (0, "")
     first, *lines = out.splitlines()
     assert first == f"natural: 1 level in {tmp_path / 'new'}"
-    told = [re.fullmatch(r"  (.*): (.*); \S+ kB", line).groups() for line in lines]
-    assert {Path(of) / name for of, names in told for name in names.split(", ")} == {
+    groups = [re.fullmatch(r"  (.*): (.*); \S+ kB", line).groups() for line in lines]
+    assert {Path(folder_name) / name for folder_name, names in groups for name in names.split(", ")} == {
         file for file in (tmp_path / "new").rglob("*") if file.is_file()
     }
 
@@ -63,12 +63,12 @@ def test_every_level_has_its_files(folder):
 
 
 def test_both_mesh_files_hold_the_same_mesh(folder):
-    one = meshio.read(folder / "level_1" / "mesh.msh")
-    other = meshio.read(folder / "level_1" / "mesh.vtu")
-    np.testing.assert_array_equal(one.points, other.points)
-    np.testing.assert_array_equal(one.cells_dict["triangle"], other.cells_dict["triangle"])
-    sides = other.cell_data_dict["side"]["line"]
-    np.testing.assert_array_equal(one.cell_data_dict["gmsh:physical"]["line"], sides + 1)
+    read = meshio.read(folder / "level_1" / "mesh.msh")
+    other_read = meshio.read(folder / "level_1" / "mesh.vtu")
+    np.testing.assert_array_equal(read.points, other_read.points)
+    np.testing.assert_array_equal(read.cells_dict["triangle"], other_read.cells_dict["triangle"])
+    sides = other_read.cell_data_dict["side"]["line"]
+    np.testing.assert_array_equal(read.cell_data_dict["gmsh:physical"]["line"], sides + 1)
 
 
 def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
@@ -91,25 +91,25 @@ def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
 
 
 def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
-    own = make_structured_mesh(polygon.square(), 1 / 3)
-    files.write_mesh(own, tmp_path / "own.msh")
+    original = make_structured_mesh(polygon.square(), 1 / 3)
+    files.write_mesh(original, tmp_path / "own.msh")
     options = ["--H", "1/3", "--levels", "2", "--out", str(tmp_path / "out")]
     assert main(["export", "full_contact", "--mesh", str(tmp_path / "own.msh"), *options]) == 0
     levels = json.loads((tmp_path / "out/problem.json").read_text())["levels"]
     assert [(level["nodes"], level["cells"]) for level in levels] == [(16, 8), (49, 12)]
 
 
-def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refused):
+def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refusal):
     """Only lines; and a file without anything, on which meshio gives up: its words stand in brackets."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.0]])
     lines = [("line", np.array([[0, 1], [1, 2], [2, 0]]))]
     meshio.write(tmp_path / "lines.vtu", meshio.Mesh(corners, lines))
     meshio.write(tmp_path / "empty.vtk", meshio.Mesh(np.zeros((0, 3)), []))
     words = {"lines.vtu": "there are no triangles", "empty.vtk": "has not the format of its ending"}
-    for name, said in words.items():
-        options = ("--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out")
-        error = re.sub(r"\(meshio .*\)", "", refused("export", "natural", *options))
-        assert said in error
+    for name, word in words.items():
+        options = ["--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out"]
+        error = re.sub(r"\(meshio .*\)", "", refusal("export", "natural", *options))
+        assert word in error
         assert "shape" not in error
         assert "index" not in error
 
@@ -141,9 +141,9 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
     solved = ul.solve(case, H=levels[1].partition.H, mesh=levels[1].mesh)
     solved.save(tmp_path / "solution.nc")
     assert main(["score", folder, str(tmp_path / "solution.nc"), "--json"]) == 0
-    (one,) = json.loads(capsys.readouterr().out.splitlines()[-1])["solutions"]
-    assert (one["faults"], one["level"]) == ([], "level_1")
-    assert one["errors"]["h1"] == pytest.approx(solved.errors.h1, rel=1e-12)
+    (record,) = json.loads(capsys.readouterr().out.splitlines()[-1])["solutions"]
+    assert (record["faults"], record["level"]) == ([], "level_1")
+    assert record["errors"]["h1"] == pytest.approx(solved.errors.h1, rel=1e-12)
 
 
 @pytest.mark.parametrize("free", [(0,), (2,), (3,), (0, 3), (1, 3)])
@@ -152,13 +152,13 @@ def test_g_is_asked_for_at_the_ends_of_held_sides(free):
     case = ul.case("no_contact", "square", 0, free)
     mesh = make_structured_mesh(polygon.square(), 1 / 4)
     names = {}
-    told = derive_case_formulas(case.exact)
+    case_formulas = derive_case_formulas(case.exact)
     exec(DEFINITIONS, names)
     for node, g in zip(mesh.points[mesh.boundary], obstacle_at_nodes(case, mesh), strict=True):
         x, y = node
-        on = [i for i, at in enumerate((y == 0, x == 1, y == 1, x == 0)) if at and i not in free]
-        values = [eval(told["g"][i], {**names, "x": x, "y": y}) for i in on]
-        assert (not values and np.isnan(g)) or all(g == pytest.approx(each, abs=1e-14) for each in values)
+        sides = [i for i, on_side in enumerate((y == 0, x == 1, y == 1, x == 0)) if on_side and i not in free]
+        values = [eval(case_formulas["g"][i], {**names, "x": x, "y": y}) for i in sides]
+        assert (not values and np.isnan(g)) or all(g == pytest.approx(value, abs=1e-14) for value in values)
 
 
 def test_a_side_is_where_the_case_is(tmp_path):
@@ -173,10 +173,10 @@ def test_a_side_is_where_the_case_is(tmp_path):
     assert {point["side"] for point in problem["lambda_is_a_fractional_power_at"]} == {4}
 
 
-def test_a_folder_that_is_there_is_not_touched(folder, refused):
+def test_a_folder_that_is_there_is_not_touched(folder, refusal):
     before = sorted(folder.iterdir())
-    said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", folder)
-    assert "exists already" in said
+    message = refusal("export", "natural", "--h", "1/4", "--H", "1/2", "--out", folder)
+    assert "exists already" in message
     assert sorted(folder.iterdir()) == before
 
 
@@ -192,19 +192,19 @@ def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, refused, monkeypatch):
+def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, refusal, monkeypatch):
     """The quicker one's folder appears while the slower one writes."""
     out = tmp_path / "out"
     write = exporting._write_folder
 
-    def overtaken(*arguments):
+    def write_first(*arguments):
         write(*arguments)
         out.mkdir()
         (out / "problem.json").write_text("{}")
 
-    monkeypatch.setattr(exporting, "_write_folder", overtaken)
-    said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", out)
-    assert said == f"unilateral: {out} exists already; name a new folder\n"
+    monkeypatch.setattr(exporting, "_write_folder", write_first)
+    message = refusal("export", "natural", "--h", "1/4", "--H", "1/2", "--out", out)
+    assert message == f"unilateral: {out} exists already; name a new folder\n"
     assert [file.name for file in (*tmp_path.iterdir(), *out.iterdir())] == ["out", "problem.json"]
 
 

@@ -23,24 +23,24 @@ NAMES = ("natural", "no_contact", "rough")
 
 
 @cache
-def scored(name, with_multiplier=True):
+def score_own_solutions(name, with_multiplier=True):
     """This project's own solutions on h = 1/8, 1/16 of that case, as if another solver had them."""
-    found = []
+    scores = []
     for k, n in enumerate((8, 16)):
-        of = discrete(name, n, n // 2)
-        solved = solve_condensed_problem(of)
-        mu = piecewise_constant(of.partition, solved.lambda_H) if with_multiplier else None
-        level = ExportedLevel(f"level_{k}", of.mesh, of.partition)
-        found.append(
+        discrete_problem = discrete(name, n, n // 2)
+        solved = solve_condensed_problem(discrete_problem)
+        mu = piecewise_constant(discrete_problem.partition, solved.lambda_H) if with_multiplier else None
+        level = ExportedLevel(f"level_{k}", discrete_problem.mesh, discrete_problem.partition)
+        scores.append(
             score_solution(
                 load(name).problem, ForeignSolution("file", level, solved.u_h, mu, "constant on cells")
             )
         )
-    return found
+    return scores
 
 
-def written(name, found):
-    return render_score_page(load(name).problem, found, compute_rates(load(name).problem, found))
+def written(name, computed):
+    return render_score_page(load(name).problem, computed, compute_rates(load(name).problem, computed))
 
 
 class Seen(HTMLParser):
@@ -78,23 +78,27 @@ class Seen(HTMLParser):
 @pytest.mark.parametrize("with_multiplier", [True, False])
 def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
     """Also where errors are 0 or NaN, or lambda infinite. A script or a font elsewhere would be asked for."""
-    found = scored(name, with_multiplier)
-    text = written(name, found)
-    seen = Seen(text)
-    assert (seen.open, seen.asked, seen.tags.count("svg")) == ([], [], 2)
-    assert not {"script", "link", "iframe", "img"} & set(seen.tags)
+    scores = score_own_solutions(name, with_multiplier)
+    text = written(name, scores)
+    calls = Seen(text)
+    assert (calls.open, calls.asked, calls.tags.count("svg")) == ([], [], 2)
+    assert not {"script", "link", "iframe", "img"} & set(calls.tags)
     assert not re.search(r"url\((?!#)|@import", text)
-    assert f"{found[-1].errors.h1:.4g}" in seen.cells
-    assert ("-" in seen.cells) == (not with_multiplier or name == "rough")
-    assert state_verdict(found, compute_rates(load(name).problem, found)) in text
-    assert "nan" not in seen.cells
+    assert f"{scores[-1].errors.h1:.4g}" in calls.cells
+    assert ("-" in calls.cells) == (not with_multiplier or name == "rough")
+    assert state_verdict(scores, compute_rates(load(name).problem, scores)) in text
+    assert "nan" not in calls.cells
 
 
 def test_where_no_rate_is_proved_the_page_has_none():
     """Control: one that is proved, in the other norms."""
-    known = compute_rates(load("natural").problem, scored("natural"))
+    known_rates = compute_rates(load("natural").problem, score_own_solutions("natural"))
     cells = Seen(
-        render_score_page(load("natural").problem, scored("natural"), known | {"h1": Rate(0.5, 1, 0.7, nan)})
+        render_score_page(
+            load("natural").problem,
+            score_own_solutions("natural"),
+            known_rates | {"h1": Rate(0.5, 1, 0.7, nan)},
+        )
     ).cells
     assert cells[-15:-10] == ["u in H¹", "0.50", "0.70", "-", "no rate is proved"]
     assert cells[-2:] == ["0.5", "reaches the proved rate"]
@@ -102,16 +106,20 @@ def test_where_no_rate_is_proved_the_page_has_none():
 
 def test_a_page_is_the_same_twice():
     """No clock and no random numbers."""
-    assert written("natural", scored("natural")) == written("natural", scored("natural"))
+    assert written("natural", score_own_solutions("natural")) == written(
+        "natural", score_own_solutions("natural")
+    )
 
 
 def test_faults_and_names_are_told_as_text():
     """Names of files and of levels' folders may hold what HTML takes for markup."""
-    one = scored("natural")[-1]
+    score = score_own_solutions("natural")[-1]
     image = "<img src=x onerror=alert(1)>"
-    told = Diagnosis([Fault("<lambda, v>", "& more")], [])
-    level = replace(one.solution.level, name=image)
-    spoilt = replace(one, diagnosis=told, solution=replace(one.solution, file="<b>.csv", level=level))
+    diagnosis = Diagnosis([Fault("<lambda, v>", "& more")], [])
+    level = replace(score.solution.level, name=image)
+    spoilt = replace(
+        score, diagnosis=diagnosis, solution=replace(score.solution, file="<b>.csv", level=level)
+    )
     text = written("natural", [spoilt])
     in_text = "&lt;img src=x onerror=alert(1)&gt;"
     assert f"<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more ({in_text})</li>" in text
@@ -120,30 +128,30 @@ def test_faults_and_names_are_told_as_text():
     assert "faults were found" in text
 
 
-def test_what_holds():
+def test_scores_pass_without_faults_and_without_rates_that_fall_short():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
-    found = scored("natural")
+    scores = score_own_solutions("natural")
     case = load("natural").problem
-    assert passes_judgement(found, compute_rates(case, found))
+    assert passes_judgement(scores, compute_rates(case, scores))
     assert not passes_judgement(
-        [replace(found[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), found[1]],
-        compute_rates(case, found),
+        [replace(scores[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), scores[1]],
+        compute_rates(case, scores),
     )
-    same = [replace(each, errors=found[0].errors) for each in found]
+    same = [replace(score, errors=scores[0].errors) for score in scores]
     assert compute_rates(case, same)["h1"].observed == 0
     assert state_verdict(same, compute_rates(case, same)) == "falls short of a proved rate"
     assert not passes_judgement(same, compute_rates(case, same))
 
 
-def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refused):
+def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refusal):
     """A wrong ending is told before anything is scored, as is a solution that cannot be."""
     folder = tmp_path / "natural"
     solution = tmp_path / "solution.vtu"
     file = tmp_path / "page.html"
     assert run("export", "natural", "--h", "1/8", "--H", "1/4", "--out", folder)[0] == 0
     assert run("solve", "natural", "--h", "1/8", "--H", "1/4", "-o", solution)[0] == 0
-    assert ".html" in refused("score", folder, solution, "--html", tmp_path / "page.pdf")
-    refused("score", folder, tmp_path / "none.vtu", "--html", file)
+    assert ".html" in refusal("score", folder, solution, "--html", tmp_path / "page.pdf")
+    refusal("score", folder, tmp_path / "none.vtu", "--html", file)
     assert not file.exists()
     code, out, _ = run("score", folder, solution, "--html", file)
     assert code == 0
@@ -153,9 +161,9 @@ def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refused)
 
 def test_chromium_shows_it_without_errors_and_without_a_network(browser, tmp_path):
     """As a reader sees it: both pictures have a height, and nothing is asked for elsewhere."""
-    (tmp_path / "page.html").write_text(written("natural", scored("natural")))
-    seen = browser.open(tmp_path / "page.html")
-    assert (seen.title, seen.errors, seen.elsewhere) == ("natural: " + VERDICT, [], [])
-    assert len(seen.requested) == 1
+    (tmp_path / "page.html").write_text(written("natural", score_own_solutions("natural")))
+    calls = browser.open(tmp_path / "page.html")
+    assert (calls.title, calls.errors, calls.elsewhere) == ("natural: " + VERDICT, [], [])
+    assert len(calls.requested) == 1
     assert [height > 100 for height in browser.heights("svg")] == [True, True]
     assert browser.overflow() == 0

@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 import sentences
-from nested import assembled
+from nested import assemble_by_elements
 from scipy.sparse.csgraph import connected_components
 
 from unilateral.errors import InputError
@@ -40,28 +40,28 @@ MESHES = {
 
 
 @pytest.fixture(params=MESHES)
-def condensed(request):
+def condensed_matrix(request):
     return condense(MESHES[request.param]())
 
 
-def test_products_are_those_with_the_assembled_matrix(condensed):
+def test_products_are_those_with_the_assembled_matrix(condensed_matrix):
     """A place is rounded by 4e-16; of the slimmest triangle's height, 1e-2, that is 4e-14, as of an entry."""
-    difference = condensed.matrix_and_row_sums[0] - assembled(condensed.mesh)
-    assert abs(difference).max() <= 1e-13 * abs(condensed.A).max()
+    difference = condensed_matrix.matrix_and_row_sums[0] - assemble_by_elements(condensed_matrix.mesh)
+    assert abs(difference).max() <= 1e-13 * abs(condensed_matrix.A).max()
 
 
 def schur_error(A_3, mesh):
     """Distance to the Schur complement by dense numpy, relative to its largest entry."""
-    A = assembled(mesh).toarray()
+    A = assemble_by_elements(mesh).toarray()
     b = mesh.boundary
     i = np.delete(np.arange(len(A)), b)
     expected = A[np.ix_(b, b)] - A[np.ix_(b, i)] @ np.linalg.solve(A[np.ix_(i, i)], A[np.ix_(i, b)])
     return float(abs(A_3 - expected).max() / abs(expected).max())
 
 
-def test_A3_is_the_schur_complement(condensed):
-    assert schur_error(condensed.A_3, condensed.mesh) < 1e-10
-    assert abs(condensed.A_3 - condensed.A_3.T).max() == 0
+def test_A3_is_the_schur_complement(condensed_matrix):
+    assert schur_error(condensed_matrix.A_3, condensed_matrix.mesh) < 1e-10
+    assert abs(condensed_matrix.A_3 - condensed_matrix.A_3.T).max() == 0
 
 
 def test_comparison_notices_two_boundary_nodes_exchanged():
@@ -71,41 +71,43 @@ def test_comparison_notices_two_boundary_nodes_exchanged():
     assert schur_error(condensed.A_3[swapped][:, swapped], condensed.mesh) > 1e-3
 
 
-def test_solutions_equal_those_of_the_full_matrix(condensed):
+def test_solutions_equal_those_of_the_full_matrix(condensed_matrix):
     """One and several at a time; and the equations hold up to rounding."""
-    A = assembled(condensed.mesh).tocsc()
-    rhs = np.random.default_rng(3).standard_normal((len(condensed.mesh.points), 2))
+    A = assemble_by_elements(condensed_matrix.mesh).tocsc()
+    rhs = np.random.default_rng(3).standard_normal((len(condensed_matrix.mesh.points), 2))
     expected = spl.splu(A).solve(rhs)
-    solution = condensed.solve(rhs)
+    solution = condensed_matrix.solve(rhs)
     assert abs(solution - expected).max() < 1e-10 * abs(expected).max()
-    assert abs(condensed.solve(rhs[:, 0]) - expected[:, 0]).max() < 1e-10 * abs(expected).max()
+    assert abs(condensed_matrix.solve(rhs[:, 0]) - expected[:, 0]).max() < 1e-10 * abs(expected).max()
     assert abs(A @ solution - rhs).max() < 1e-11 * abs(solution).max()
 
 
-def test_condensed_system_gives_the_trace_of_the_full_one(condensed):
-    mesh = condensed.mesh
+def test_condensed_system_gives_the_trace_of_the_full_one(condensed_matrix):
+    mesh = condensed_matrix.mesh
     rng = np.random.default_rng(4)
     load = rng.standard_normal(len(mesh.points))
     boundary_load = rng.standard_normal(len(mesh.boundary))
     total = load.copy()
     total[mesh.boundary] += boundary_load
-    trace = spl.spsolve(assembled(mesh).tocsc(), total)[mesh.boundary]
-    found = condensed.solve(load)[mesh.boundary] + condensed.solve_boundary(boundary_load)
-    assert abs(found - trace).max() < 1e-10 * abs(trace).max()
+    trace = spl.spsolve(assemble_by_elements(mesh).tocsc(), total)[mesh.boundary]
+    condensed_trace = condensed_matrix.solve(load)[mesh.boundary] + condensed_matrix.solve_boundary(
+        boundary_load
+    )
+    assert abs(condensed_trace - trace).max() < 1e-10 * abs(trace).max()
 
 
-def test_the_interior_comes_first_and_the_boundary_stays_in_order(condensed):
-    order = elimination_order(assembled(condensed.mesh), condensed.mesh.boundary)
-    nb = len(condensed.mesh.boundary)
-    assert np.array_equal(np.sort(order), np.arange(len(condensed.mesh.points)))
-    assert np.array_equal(order[-nb:], condensed.mesh.boundary)
+def test_the_interior_comes_first_and_the_boundary_stays_in_order(condensed_matrix):
+    order = elimination_order(assemble_by_elements(condensed_matrix.mesh), condensed_matrix.mesh.boundary)
+    nb = len(condensed_matrix.mesh.boundary)
+    assert np.array_equal(np.sort(order), np.arange(len(condensed_matrix.mesh.points)))
+    assert np.array_equal(order[-nb:], condensed_matrix.mesh.boundary)
 
 
 def test_boundary_unknowns_moved_by_the_factorisation_are_an_error():
     """With SuperLU's own column ordering the boundary is not last, and the last block is not A_3."""
     mesh = MESHES["structured"]()
     with pytest.raises(RuntimeError, match="moved the boundary"):
-        schur_factor(spl.splu(assembled(mesh).tocsc(), permc_spec="COLAMD"), len(mesh.boundary))
+        schur_factor(spl.splu(assemble_by_elements(mesh).tocsc(), permc_spec="COLAMD"), len(mesh.boundary))
 
 
 def test_pivots_stay_on_the_diagonal():
@@ -119,23 +121,23 @@ def test_pivots_stay_on_the_diagonal():
 def test_without_elimination_the_boundary_is_not_last():
     """All nodes are dissected then, whose separators go across the boundary; solutions are the same."""
     condensed = condense(MESHES["structured"]())
-    other = factorise_by_dissection(condensed.A)
+    second = factorise_by_dissection(condensed.A)
     boundary = condensed.mesh.boundary
-    assert not np.all(np.isin(other.order[-len(boundary) :], boundary))
+    assert not np.all(np.isin(second.order[-len(boundary) :], boundary))
     rhs = np.random.default_rng(8).standard_normal(condensed.mesh.n_nodes)
-    np.testing.assert_allclose(other.solve(rhs), condensed.solve(rhs), rtol=0, atol=1e-12 * abs(rhs).max())
+    np.testing.assert_allclose(second.solve(rhs), condensed.solve(rhs), rtol=0, atol=1e-12 * abs(rhs).max())
 
 
 def test_the_neck_has_an_interior_in_pieces():
     mesh = MESHES["interior in pieces"]()
     interior = np.delete(np.arange(len(mesh.points)), mesh.boundary)
-    assert connected_components(assembled(mesh)[interior][:, interior])[0] > 1
+    assert connected_components(assemble_by_elements(mesh)[interior][:, interior])[0] > 1
 
 
 def test_nested_dissection_saves_fill():
     """Nested dissection leaves O(n log n) entries in the factors, the natural order O(n^{3/2})."""
     mesh = make_tensor_mesh(np.linspace(0, 1, 65))
-    natural = spl.splu(assembled(mesh).tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
+    natural = spl.splu(assemble_by_elements(mesh).tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
     assert condense(mesh).factors.lu.nnz < 0.7 * natural.nnz
 
 
@@ -148,7 +150,7 @@ def test_dual_operator_equals_full_solves(ratio):
     operator = dual_operator(condense(mesh), B, partition.lengths)
     continued = np.zeros((len(mesh.points), partition.n_cells))
     continued[mesh.boundary] = B.toarray().T
-    expected = continued.T @ spl.spsolve(assembled(mesh).tocsc(), continued)
+    expected = continued.T @ spl.spsolve(assemble_by_elements(mesh).tocsc(), continued)
     assert abs(operator.D - expected).max() < 1e-10 * abs(expected).max()
     assert operator.shift_norm == pytest.approx(3**0.5)
     assert operator.shift_means == pytest.approx(np.ones(partition.n_cells))
@@ -168,11 +170,13 @@ def test_singular_exactly_where_beta_is_zero():
     """H = h on an even number of edges, and more cells than boundary nodes: beta = 0; H = 2h: beta > 0."""
     mesh = make_structured_mesh(square(), 1 / 8)
     condensed = condense(mesh)
-    found = {}
+    is_singular = {}
     for ratio in (0.5, 1, 2):
         partition = partitions.make_uniform_partition(square(), ratio / 8)
-        found[ratio] = dual_operator(condensed, coupling(mesh, partition), partition.lengths).is_singular
-    assert found == {0.5: True, 1: True, 2: False}
+        is_singular[ratio] = dual_operator(
+            condensed, coupling(mesh, partition), partition.lengths
+        ).is_singular
+    assert is_singular == {0.5: True, 1: True, 2: False}
 
 
 @pytest.mark.parametrize(("ratio", "singular"), [(1e-13, True), (1e-11, False)])
@@ -185,18 +189,18 @@ def test_singular_is_told_by_the_ratio_of_the_eigenvalues(ratio, singular):
 
 
 @pytest.mark.parametrize(
-    ("off", "refused"), [(0.9e-8, False), (1.1e-8, True), (-1.1e-8, True), (np.nan, True)]
+    ("displaced", "refused"), [(0.9e-8, False), (1.1e-8, True), (-1.1e-8, True), (np.nan, True)]
 )
-def test_constants_are_solved_for_up_to_1e_8(off, refused):
+def test_constants_are_solved_for_up_to_1e_8(displaced, refused):
     """As `dual_norm` says of its bounds: right up to 1e-9 at a diameter of about 1, refused at 1e-8."""
     mesh = meshes.make_unstructured_mesh(NECK, 0.25)
-    found = np.ones(mesh.n_nodes)
-    found[3] += off
+    values = np.ones(mesh.n_nodes)
+    values[3] += displaced
     if not refused:
-        return check_constants(mesh, Form(), found)
+        return check_constants(mesh, Form(), values)
     shortest = np.min(np.hypot(*np.diff(mesh.points[np.append(mesh.boundary, mesh.boundary[0])], axis=0).T))
     with sentences.raises(InputError, "neck", f"{shortest:.3g}"):
-        check_constants(mesh, Form(), found)
+        check_constants(mesh, Form(), values)
 
 
 @pytest.mark.parametrize("L", [1e-8, 1e-6, 1e-2, 1.0, 1e3, 1e8])
@@ -209,8 +213,8 @@ def test_a_domain_too_small_for_double_precision_is_refused(L):
         meshes.make_unstructured_mesh(Polygon(L * square().vertices, "scaled"), L / 4)
     )
     if L > 1e-6:
-        on = condense(mesh)
-        np.testing.assert_allclose(on.solve(on.A @ np.ones(mesh.n_nodes)), 1, rtol=1e-8)
+        subset = condense(mesh)
+        np.testing.assert_allclose(subset.solve(subset.A @ np.ones(mesh.n_nodes)), 1, rtol=1e-8)
         return
     with sentences.raises(InputError):
         condense(mesh)

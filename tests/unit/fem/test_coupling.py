@@ -64,7 +64,7 @@ def sums_are_right(B, mesh, partition):
     return bool(max(rows, columns) <= rounding)
 
 
-def test_row_and_column_sums(pair):
+def test_row_and_column_sums_are_lengths_of_cells_and_integrals_of_hats(pair):
     """Control: the check of the sums notices a sign error and a shift."""
     B = coupling(*pair).toarray()
     assert sums_are_right(B, *pair)
@@ -88,14 +88,14 @@ def test_nearly_coinciding_points_change_the_coupling_by_their_distance():
     mesh = make_structured_mesh(square(), 1 / 4)
     exact = coupling(mesh, partitions.make_uniform_partition(square(), 1 / 4)).toarray()
     for distance in (1e-15, -1e-15, 1e-12, -1e-12, 1e-8, -1e-8):
-        moved = coupling(mesh, nearly_coinciding(distance)).toarray()
-        assert np.abs(moved - exact).max() <= 1.01 * abs(distance) + 1e-15
+        shifted_coupling = coupling(mesh, nearly_coinciding(distance)).toarray()
+        assert np.abs(shifted_coupling - exact).max() <= 1.01 * abs(distance) + 1e-15
 
 
-@pytest.mark.parametrize("other", [find_polygon("lshape"), Polygon(2 * square().vertices)])
-def test_another_polygon_is_refused(other):
+@pytest.mark.parametrize("second", [find_polygon("lshape"), Polygon(2 * square().vertices)])
+def test_another_polygon_is_refused(second):
     with sentences.raises(InputError):
-        coupling(make_structured_mesh(square(), 1 / 2), partitions.make_uniform_partition(other, 1 / 2))
+        coupling(make_structured_mesh(square(), 1 / 2), partitions.make_uniform_partition(second, 1 / 2))
 
 
 @pytest.mark.parametrize(
@@ -107,9 +107,11 @@ def test_boundary_mass_integrates_squares_of_linear_functions(sides, exact):
     """1, x, x^2 and y^2 on all sides of the square, by hand, or on two: hats of the others have none."""
     mesh = make_structured_mesh(square(), 1 / 8)
     M = boundary_mass(mesh, None if sides is None else np.isin(mesh.side, sides))
-    one = np.ones(len(mesh.boundary))
+    values = np.ones(len(mesh.boundary))
     (x, y) = mesh.points[mesh.boundary].T
-    assert [v @ (M @ w) for v, w in ((one, one), (one, x), (x, x), (y, y))] == pytest.approx(exact, rel=1e-14)
+    assert [v @ (M @ w) for v, w in ((values, values), (values, x), (x, x), (y, y))] == pytest.approx(
+        exact, rel=1e-14
+    )
     assert abs(M - M.T).max() == 0
     away = (x < 1) & (y > 0)
     assert away.sum() == 15

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nested import assembled, made
+from nested import assemble_by_elements, make_mesh_levels
 
 from unilateral.fem.edge_matrix import assemble_by_edges, assemble_rows, edge_stiffness_and_areas
 from unilateral.fem.form import H1
@@ -26,12 +26,12 @@ def rounding(mesh: Mesh) -> float:
     return 16 * float(np.spacing(np.abs(mesh.points).max())) / height
 
 
-@pytest.mark.parametrize("of", MESHES)
-def test_it_is_what_assembly_finds(of: tuple[str, str, int]) -> None:
+@pytest.mark.parametrize("mesh_key", MESHES)
+def test_the_matrix_by_edges_is_that_by_elements(mesh_key: tuple[str, str, int]) -> None:
     """Every entry once, the diagonal first."""
-    mesh = made(*of).mesh
+    mesh = make_mesh_levels(*mesh_key).mesh
     (A, sums, mass) = assemble_by_edges(mesh.triangulation, mesh.points)
-    expected = assembled(mesh)
+    expected = assemble_by_elements(mesh)
     assert abs(A - expected).max() < rounding(mesh) * abs(expected).max()
     assert np.array_equal(A.indices[A.indptr[:-1]], np.arange(mesh.n_nodes))
     assert A.nnz == mesh.n_nodes + 2 * len(mesh.triangulation.ends)
@@ -41,35 +41,35 @@ def test_it_is_what_assembly_finds(of: tuple[str, str, int]) -> None:
 
 
 def test_a_moved_node_is_noticed() -> None:
-    mesh = made("gmsh", "at random", 5).mesh
+    mesh = make_mesh_levels("gmsh", "at random", 5).mesh
     points = mesh.points.copy()
     points[np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)[0]] += 1e-8
     (A, *_) = assemble_by_edges(mesh.triangulation, points)
-    expected = assembled(mesh)
+    expected = assemble_by_elements(mesh)
     assert abs(A - expected).max() > 10 * rounding(mesh) * abs(expected).max()
 
 
 def test_elements_in_blocks_are_those_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = made("gmsh", "at random", 5).mesh
+    mesh = make_mesh_levels("gmsh", "at random", 5).mesh
     at_once = edge_stiffness_and_areas(mesh.points, mesh.triangulation.nodes)
     monkeypatch.setattr("unilateral.arrays.ROWS_PER_BLOCK", 7)
-    for found, expected in zip(
+    for computed, expected in zip(
         edge_stiffness_and_areas(mesh.points, mesh.triangulation.nodes), at_once, strict=True
     ):
-        assert np.array_equal(found, expected)
+        assert np.array_equal(computed, expected)
 
 
-@pytest.mark.parametrize("of", MESHES)
+@pytest.mark.parametrize("mesh_key", MESHES)
 @pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
-def test_some_rows_are_those_of_the_matrix(of: tuple[str, str, int], share: float) -> None:
-    mesh = made(*of).mesh
+def test_some_rows_are_those_of_the_matrix(mesh_key: tuple[str, str, int], share: float) -> None:
+    mesh = make_mesh_levels(*mesh_key).mesh
     rng = np.random.default_rng(4)
     count = max(1, int(share * mesh.n_nodes))
     chosen = rng.choice(mesh.n_nodes, count, replace=False).astype(np.int32)
     rows = assemble_rows(
         mesh.points, mesh.triangulation.nodes, chosen, mesh.n_nodes, H1, H1.clamped_nodes(mesh)
     )
-    expected = assembled(mesh)
+    expected = assemble_by_elements(mesh)
     assert rows.shape == (count, mesh.n_nodes)
     assert abs(rows - expected[chosen]).max() < rounding(mesh) * abs(expected).max()
     if count > 1:

@@ -57,12 +57,12 @@ def test_the_load_of_what_is_left_has_the_given_values(form):
     mesh = make_structured_mesh(square(), 1 / 8)
     rng = np.random.default_rng(2)
     fixed = form.clamped_nodes(mesh)
-    held, load = rng.normal(size=(2, mesh.n_nodes))
-    v = held + condense(mesh, form).solve(subtract_lift_from_load(mesh, form, load, held))
+    clamped_values, load = rng.normal(size=(2, mesh.n_nodes))
+    v = clamped_values + condense(mesh, form).solve(subtract_lift_from_load(mesh, form, load, clamped_values))
     K, M = stiffness_and_mass(mesh)
-    left = (K + form.c * M) @ v - load
-    assert np.abs(left[~fixed]).max() < 1e-10
-    assert np.array_equal(v[fixed], held[fixed])
+    remaining = (K + form.c * M) @ v - load
+    assert np.abs(remaining[~fixed]).max() < 1e-10
+    assert np.array_equal(v[fixed], clamped_values[fixed])
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -75,28 +75,32 @@ def test_all_levels_are_decoupled_and_functionals_are_bounded(form, adapted):
         chosen = np.flatnonzero(mesh.areas == mesh.areas.max())[:2] if adapted else None
         before = mesh
         mesh = refine_triangles(mesh, chosen)
-    of = build_hierarchy(mesh, form=form)
-    assert abs(of.A - form_matrix(mesh, form)).max() < 1e-12
-    assert np.allclose(of.A.sum(axis=1), of.row_sums, atol=1e-12)
-    level = of.levels[-2]
+    hierarchy = build_hierarchy(mesh, form=form)
+    assert abs(hierarchy.A - form_matrix(mesh, form)).max() < 1e-12
+    assert np.allclose(hierarchy.A.sum(axis=1), hierarchy.row_sums, atol=1e-12)
+    level = hierarchy.levels[-2]
     assert level.rows is not None
-    whole = form_matrix(before, form)
-    rows = whole if level.smoothed_nodes is None else whole[level.smoothed_nodes][:, level.columns]
+    full_form_matrix = form_matrix(before, form)
+    rows = (
+        full_form_matrix
+        if level.smoothed_nodes is None
+        else full_form_matrix[level.smoothed_nodes][:, level.columns]
+    )
     assert abs(level.rows - rows).max() < 1e-12
     A, free = dense(mesh, form)
     form = form._replace(friedrichs=1.0 if form.c else friedrichs_constant(mesh, form.clamped))
-    of = build_hierarchy(mesh, form=form)
+    hierarchy = build_hierarchy(mesh, form=form)
     for _ in range(5):
         R = np.zeros(mesh.n_nodes)
         R[free] = rng.normal(size=len(free))
         exact = np.sqrt(R[free] @ np.linalg.solve(A, R[free]))
-        assert exact <= multilevel_dual_norm_bound(of, R) <= 8 * exact
+        assert exact <= multilevel_dual_norm_bound(hierarchy, R) <= 8 * exact
 
 
 def test_a_level_that_is_not_decoupled_is_noticed():
     mesh = refine_uniformly(make_structured_mesh(square(), 1 / 4))
-    whole = edge_matrix.assemble_by_edges(mesh.triangulation, mesh.points)[0]
-    assert abs(whole - form_matrix(mesh, FORMS[0])).max() > 0.1
+    full_by_edge = edge_matrix.assemble_by_edges(mesh.triangulation, mesh.points)[0]
+    assert abs(full_by_edge - form_matrix(mesh, FORMS[0])).max() > 0.1
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -131,8 +135,8 @@ def test_the_mass_of_a_hierarchy_is_divided_by_the_square_of_friedrichs_constant
     """sum m_i v_i^2 <= 4 ||v||_0^2 / C^2, for m_i thirds of the areas at a node, over C^2."""
     mesh = refine_uniformly(make_structured_mesh(square(), 1 / 2))
     thirds = np.bincount(mesh.triangles.ravel(), np.repeat(mesh.areas / 3, 3))
-    found = build_hierarchy(mesh, form=Form(c=0.0, clamped=(3,), friedrichs=constant)).nodal_weights
-    assert found == pytest.approx(thirds / constant**2)
+    nodal_weights = build_hierarchy(mesh, form=Form(c=0.0, clamped=(3,), friedrichs=constant)).nodal_weights
+    assert nodal_weights == pytest.approx(thirds / constant**2)
 
 
 @pytest.mark.parametrize("length", [1.0, 20.0])

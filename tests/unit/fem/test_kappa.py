@@ -33,7 +33,7 @@ EQUILATERAL = 3.0
 """tau = cot(theta/2)^2 for the apex angle theta of an isosceles triangle, here 60 degrees."""
 
 
-def divided(vertices, halvings=HALVINGS):
+def divide_triangle(vertices, halvings=HALVINGS):
     """The triangle cut into 4^halvings ones that are similar to it."""
     triangle = Polygon(np.array(vertices, dtype=float), "triangle")
     return meshes.refine_uniformly(meshes.from_arrays(triangle, triangle.vertices, [[0, 1, 2]]), halvings)
@@ -53,7 +53,7 @@ def eigenvalue_below(tau):
     at least (1 - m^{-2}) lambda_m, up to EXACT. That no eigenvalue is below mu is proved by a factorisation
     of Cholesky (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem 10.3).
     """
-    mesh = divided(isosceles(tau))
+    mesh = divide_triangle(isosceles(tau))
     B, root_mass = crouzeix_raviart_matrix(mesh)
     boundary = mesh.triangulation.boundary_edges
     means = np.zeros((3, len(root_mass)))
@@ -71,17 +71,17 @@ def values_of_tau(constant):
     The eigenvalue is 1 + 1/tau times a function that does not decrease. Raises AssertionError where that does
     not do.
     """
-    least = constant**-2
+    minimum = constant**-2
     tau = EQUILATERAL
-    seen = []
+    calls = []
     while tau < math.inf:
-        seen.append(tau)
-        assert len(seen) < 100
+        calls.append(tau)
+        assert len(calls) < 100
         below = eigenvalue_below(tau)
-        assert below > least
-        excess = least * (1 + 1 / tau) / below - 1
+        assert below > minimum
+        excess = minimum * (1 + 1 / tau) / below - 1
         tau = 1 / excess if excess > 0 else math.inf
-    return seen
+    return calls
 
 
 def test_the_constant_is_large_enough_for_all_triangles():
@@ -100,8 +100,10 @@ def test_no_number_above_the_eigenvalue_passes(monkeypatch):
 
 def constant_above(vertices):
     """The largest ||w||_0 / (d |w|_1) of continuous w that are linear on a finer mesh, so a lower bound."""
-    mesh = divided(vertices)
-    K, M = (each.toarray() for each in stiffness_and_mass(mesh))
+    mesh = divide_triangle(vertices)
+    stiffness, mass = stiffness_and_mass(mesh)
+    K = stiffness.toarray()
+    M = mass.toarray()
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
     integrals = np.zeros((3, mesh.n_nodes))
@@ -121,16 +123,16 @@ def corners():
 
 def test_no_shape_needs_a_larger_constant_and_one_needs_almost_this():
     """Control: a constant that is 3 % smaller is not enough for all of them."""
-    found = {corner: constant_above([[0, 0], [1, 0], corner]) for corner in corners()}
-    assert len(found) > 20
-    assert max(found.values()) <= KAPPA
-    assert max(found.values()) > 0.97 * KAPPA
-    assert math.dist(max(found, key=found.get), (0.5, math.sqrt(0.75))) < 1e-12
+    constants = {corner: constant_above([[0, 0], [1, 0], corner]) for corner in corners()}
+    assert len(constants) > 20
+    assert max(constants.values()) <= KAPPA
+    assert max(constants.values()) > 0.97 * KAPPA
+    assert math.dist(max(constants, key=constants.get), (0.5, math.sqrt(0.75))) < 1e-12
 
 
 def test_the_constant_grows_with_the_height():
     """As the proof says, for which isosceles triangles are enough."""
     for a in (0.5, 0.7, 0.9):
         highest = math.sqrt(1 - a**2)
-        of_heights = [constant_above([[0, 0], [1, 0], (a, b * highest)]) for b in (0.3, 0.6, 1)]
-        assert of_heights == sorted(of_heights)
+        heights = [constant_above([[0, 0], [1, 0], (a, b * highest)]) for b in (0.3, 0.6, 1)]
+        assert heights == sorted(heights)

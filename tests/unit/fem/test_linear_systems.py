@@ -25,14 +25,14 @@ def test_a_step_whose_curvature_is_hidden_is_none():
 
 def test_without_metis_the_interior_has_another_order_and_the_same_solution(monkeypatch):
     """The boundary is last in both, so A_3 is the same matrix."""
-    known = condense(MESH)
+    expected = condense(MESH)
     monkeypatch.setattr(linear_systems, "pymetis", None)
     order = linear_systems.elimination_order(A, MESH.boundary)
     assert sorted(order) == list(range(MESH.n_nodes))
     assert np.array_equal(order[-len(MESH.boundary) :], MESH.boundary)
-    found = linear_systems.factorise_by_dissection(A, MESH.boundary).solve(LOAD)
-    assert np.abs(A @ found - LOAD).max() < 1e-12
-    assert np.abs(condense(MESH).A_3 - known.A_3).max() < 1e-12
+    solution = linear_systems.factorise_by_dissection(A, MESH.boundary).solve(LOAD)
+    assert np.abs(A @ solution - LOAD).max() < 1e-12
+    assert np.abs(condense(MESH).A_3 - expected.A_3).max() < 1e-12
 
 
 def test_a_matrix_without_couplings_inside_is_in_its_own_order():
@@ -42,17 +42,17 @@ def test_a_matrix_without_couplings_inside_is_in_its_own_order():
     assert np.array_equal(order[1:], mesh.boundary)
 
 
-@pytest.mark.parametrize("moved", ["columns", "rows"])
-def test_a_schur_complement_of_other_unknowns_is_refused(moved):
+@pytest.mark.parametrize("shifted", ["columns", "rows"])
+def test_a_schur_complement_of_other_unknowns_is_refused(shifted):
     """If the last two unknowns were exchanged, or rows for pivots, the last block would be another one."""
     lu = linear_systems.factorise(A, linear_systems.elimination_order(A, MESH.boundary))
     size = len(MESH.boundary)
     R = linear_systems.schur_factor(lu, size)
     assert np.abs(R.T @ R - condense(MESH).A_3).max() < 1e-12
-    other = -2 if moved == "columns" else 0
+    second = -2 if shifted == "columns" else 0
     swapped = lu.perm_c.copy()
-    swapped[[-1, other]] = swapped[[other, -1]]
-    perm_c = swapped if moved == "columns" else lu.perm_c
+    swapped[[-1, second]] = swapped[[second, -1]]
+    perm_c = swapped if shifted == "columns" else lu.perm_c
     with pytest.raises(RuntimeError, match="moved the boundary unknowns"):
         linear_systems.schur_factor(
             SimpleNamespace(shape=lu.shape, U=lu.U, perm_c=perm_c, perm_r=swapped), size
@@ -61,10 +61,12 @@ def test_a_schur_complement_of_other_unknowns_is_refused(moved):
 
 def test_products_with_exchanged_rows_are_refused(monkeypatch):
     F = sp.csc_array(np.eye(MESH.n_nodes)[:, :3])
-    found = linear_systems.OrderedMatrix(A, linear_systems.elimination_order(A)).inverse_products(F)
-    assert np.abs(found - np.linalg.inv(A.toarray())[:3, :3]).max() < 1e-12
-    moved = SimpleNamespace(perm_r=np.array([1, 0]), perm_c=np.array([0, 1]))
-    monkeypatch.setattr(linear_systems, "factorise", lambda *_: moved)
+    inverse_products = linear_systems.OrderedMatrix(A, linear_systems.elimination_order(A)).inverse_products(
+        F
+    )
+    assert np.abs(inverse_products - np.linalg.inv(A.toarray())[:3, :3]).max() < 1e-12
+    shifted_stub = SimpleNamespace(perm_r=np.array([1, 0]), perm_c=np.array([0, 1]))
+    monkeypatch.setattr(linear_systems, "factorise", lambda *_: shifted_stub)
     with pytest.raises(RuntimeError, match="exchanged rows of a symmetric matrix"):
         linear_systems.half_solve(A, F, np.arange(MESH.n_nodes))
 
@@ -76,10 +78,10 @@ def test_large_systems_are_solved_up_to_what_is_asked_for(monkeypatch):
     zero = np.zeros(MESH.n_nodes)
     begin = float(LOAD @ (LOAD / mass))
     last = 0
-    for part in (1e-2, 1e-6, 1e-12):
-        found, steps = linear_systems.solve_sparse(A, LOAD, zero, mass, part * begin)
-        left = LOAD - A @ found
-        assert float(left @ (left / mass)) <= part * begin * (1 + 1e-6)
+    for component in (1e-2, 1e-6, 1e-12):
+        solution, steps = linear_systems.solve_sparse(A, LOAD, zero, mass, component * begin)
+        remaining = LOAD - A @ solution
+        assert float(remaining @ (remaining / mass)) <= component * begin * (1 + 1e-6)
         assert steps > last
         last = steps
-    assert linear_systems.solve_sparse(A, LOAD, found, mass, begin)[1] == 0
+    assert linear_systems.solve_sparse(A, LOAD, solution, mass, begin)[1] == 0

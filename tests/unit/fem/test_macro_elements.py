@@ -48,10 +48,10 @@ def test_the_middle_triangle_s_order_matters(monkeypatch):
     mesh = refine_uniformly(meshes.make_unstructured_mesh(square(), 1 / 2), 3)
     right = condense(mesh).A_3
 
-    *others, red = refinement.CHILD_TRIANGLES
+    *outer_triangles, red = refinement.CHILD_TRIANGLES
     *outer, (nodes, edges) = red
-    turned = tuple(np.roll(of, 1).tolist() for of in (nodes, edges))
-    monkeypatch.setattr(refinement, "CHILD_TRIANGLES", (*others, (*outer, turned)))
+    turned = tuple(np.roll(numbers, 1).tolist() for numbers in (nodes, edges))
+    monkeypatch.setattr(refinement, "CHILD_TRIANGLES", (*outer_triangles, (*outer, turned)))
     assert np.abs(MacroElementFactors(mesh).A_3 - right).max() > 1e-3 * np.abs(right).max()
 
 

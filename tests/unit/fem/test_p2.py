@@ -17,7 +17,7 @@ def spaces(request):
     return quadratic_space(meshes.refine_uniformly(mesh) if request.param == "refined" else mesh)
 
 
-def in_scikit_fem(spaces, v, f):
+def integrate_by_scikit_fem(spaces, v, f):
     """||grad v||^2, ||v||^2, (f, v) and ((f, -2 f), grad v), f (m, 3) linear on triangles."""
     mesh = spaces.mesh
     p2 = skfem.Basis(
@@ -38,15 +38,15 @@ def in_scikit_fem(spaces, v, f):
         lambda w: w.f * w.of,
         lambda w: w.f * (grad(w.of)[0] - 2 * grad(w.of)[1]),
     )
-    given = {"of": p2.interpolate(value), "f": dg.interpolate(linear)}
-    return [skfem.Functional(form).assemble(p2, **given) for form in forms]
+    fields = {"of": p2.interpolate(value), "f": dg.interpolate(linear)}
+    return [skfem.Functional(form).assemble(p2, **fields) for form in forms]
 
 
 def test_products_are_those_of_P2(spaces):
     rng = np.random.default_rng(1)
     v = rng.standard_normal(spaces.size)
     f = rng.standard_normal(spaces.mesh.triangles.shape)
-    energy, mass, load, along = in_scikit_fem(spaces, v, f)
+    energy, mass, load, along = integrate_by_scikit_fem(spaces, v, f)
     field = f[..., None] * np.array([1.0, -2.0])
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
         product = form.k * energy + form.c * mass
@@ -55,16 +55,18 @@ def test_products_are_those_of_P2(spaces):
     assert v @ spaces.gradient_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
 
 
-def test_products_with_a_field_of_bubbles(spaces):
+def test_products_with_a_field_of_bubbles_follow_from_norms(spaces):
     """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
     rng = np.random.default_rng(2)
     v = rng.standard_normal(spaces.size)
     areas = spaces.mesh.areas
     field = rng.standard_normal((len(areas), 3, 2))
     slope = spaces.gradient(v)
-    more = quadratic_square_norms(areas, slope, 1 * field).sum()
-    less = quadratic_square_norms(areas, slope, (-1) * field).sum()
-    assert v @ spaces.gradient_load(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
+    extra_square_norms = quadratic_square_norms(areas, slope, 1 * field).sum()
+    square_norms = quadratic_square_norms(areas, slope, (-1) * field).sum()
+    assert v @ spaces.gradient_load(0 * field, field) == pytest.approx(
+        (extra_square_norms - square_norms) / 4, rel=1e-12
+    )
 
 
 def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
@@ -93,12 +95,14 @@ def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
 
 def test_some_unknowns_may_be_0_besides(spaces):
     contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
-    others = spaces.unknowns[0]
-    v = spaces.vanishing_basis(contact, others) @ np.ones(spaces.vanishing_basis(contact, others).shape[1])
-    assert np.all(v[others] == 0)
-    of_boundary = spaces.boundary_unknowns[contact]
-    n_fixed = len(np.union1d(of_boundary, others))
-    assert spaces.vanishing_basis(contact, others).shape[1] == spaces.size - n_fixed
+    other_unknown = spaces.unknowns[0]
+    v = spaces.vanishing_basis(contact, other_unknown) @ np.ones(
+        spaces.vanishing_basis(contact, other_unknown).shape[1]
+    )
+    assert np.all(v[other_unknown] == 0)
+    boundary = spaces.boundary_unknowns[contact]
+    n_fixed = len(np.union1d(boundary, other_unknown))
+    assert spaces.vanishing_basis(contact, other_unknown).shape[1] == spaces.size - n_fixed
 
 
 def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spaces):
@@ -106,12 +110,12 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
     v = np.zeros(spaces.size)
     v[spaces.boundary_unknowns] = rng.standard_normal(len(spaces.boundary_unknowns))
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
-        found = boundary_layer(spaces.mesh).norm(form, *np.split(v[spaces.boundary_unknowns], 2))
-        assert found**2 == pytest.approx(v @ (spaces.matrix(form) @ v), rel=1e-12)
+        norm = boundary_layer(spaces.mesh).norm(form, *np.split(v[spaces.boundary_unknowns], 2))
+        assert norm**2 == pytest.approx(v @ (spaces.matrix(form) @ v), rel=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (0, 3, 2), (4, 3), (4, 3, 2)])
-def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
+def test_norms_of_linear_functions_are_those_by_edge_midpoints(shape):
     """By the rule of edge midpoints, which is exact for squares; on none there are none."""
     rng = np.random.default_rng(6)
     areas = rng.uniform(0.1, 1, shape[0])

@@ -46,14 +46,14 @@ OTHERS = [
 
 @pytest.mark.parametrize(("polygon", "clamped", "exact"), RECTANGLES)
 @pytest.mark.parametrize("h", [1, 1 / 8])
-def test_it_is_a_little_above_the_best_one_on_rectangles(polygon, clamped, exact, h):
+def test_the_constant_is_a_little_above_the_best_one_on_rectangles(polygon, clamped, exact, h):
     for mesh in (make_structured_mesh(polygon, h), make_unstructured_mesh(polygon, h)):
         assert exact <= friedrichs_constant(mesh, clamped) <= 1.03 * exact
 
 
 @pytest.mark.parametrize(("polygon", "clamped", "exact"), OTHERS)
 @pytest.mark.parametrize("h", [1 / 2, 1 / 8])
-def test_it_is_a_little_above_the_best_one(polygon, clamped, exact, h):
+def test_the_constant_is_a_little_above_the_best_one(polygon, clamped, exact, h):
     assert exact <= friedrichs_constant(make_unstructured_mesh(polygon, h), clamped) <= 1.04 * exact
 
 
@@ -67,12 +67,12 @@ def test_a_larger_eigenvalue_is_refused(monkeypatch):
 # Short sides and thin polygons
 
 
-def beside(d):
+def make_split_square(d):
     """The unit square, whose left side has a part of length d at the lower vertex; it is the side 4."""
     return Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, d]]), "beside")
 
 
-def graded(polygon):
+def grade_to_short_sides(polygon):
     """A mesh that is graded to short sides."""
     return poincare.triangulate_from_boundary(
         polygon, balance_cells(make_uniform_partition(polygon, polygon.diameter / 8)).points[:-1], 0.3
@@ -81,13 +81,13 @@ def graded(polygon):
 
 def constant_of_p2(mesh, clamped):
     """A constant that is not above the best one, by scikit-fem's quadratic elements."""
-    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
     edges = np.sort([start, end], axis=0)[:, np.isin(mesh.side, clamped)]
-    number = {tuple(ends): k for k, ends in enumerate(of_skfem.facets.T.tolist())}
+    number = {tuple(ends): k for k, ends in enumerate(skfem_mesh.facets.T.tolist())}
     facets = np.array([number[tuple(ends)] for ends in edges.T.tolist()])
-    basis = skfem.Basis(of_skfem, skfem.ElementTriP2())
+    basis = skfem.Basis(skfem_mesh, skfem.ElementTriP2())
     K = laplace.assemble(basis)
     M = mass.assemble(basis)
     inside = basis.complement_dofs(basis.get_dofs(facets))
@@ -99,11 +99,11 @@ def constant_of_p2(mesh, clamped):
 @pytest.mark.parametrize("d", [1e-2, 1e-4, 1e-6, 1e-8])
 def test_a_short_clamped_side_has_a_mesh_that_is_graded_to_it(d):
     """Between that of P2 and 1.05 times that. Control: without one it is larger by a quarter or more."""
-    polygon = beside(d)
-    least = constant_of_p2(graded(polygon), (4,))
+    polygon = make_split_square(d)
+    min_constant = constant_of_p2(grade_to_short_sides(polygon), (4,))
     mesh = make_unstructured_mesh(polygon, 1 / 8)
-    assert least <= friedrichs_constant(mesh, (4,)) <= 1.05 * least
-    assert poincare.crouzeix_raviart_constant(mesh, (4,)) > 1.25 * least
+    assert min_constant <= friedrichs_constant(mesh, (4,)) <= 1.05 * min_constant
+    assert poincare.crouzeix_raviart_constant(mesh, (4,)) > 1.25 * min_constant
 
 
 def test_short_sides_anywhere_have_a_constant_that_is_near_the_best_one():
@@ -119,8 +119,12 @@ def test_short_sides_anywhere_have_a_constant_that_is_near_the_best_one():
         along = v[1] - v[0]
         polygon = Polygon(np.insert(v, 1, v[0] + d * along / np.hypot(*along), axis=0), "short")
         clamped = (0,) if rng.random() < 0.5 else (0, 3)
-        least = constant_of_p2(graded(polygon), clamped)
-        assert least <= friedrichs_constant(make_unstructured_mesh(polygon, 1 / 4), clamped) <= 1.1 * least
+        min_constant = constant_of_p2(grade_to_short_sides(polygon), clamped)
+        assert (
+            min_constant
+            <= friedrichs_constant(make_unstructured_mesh(polygon, 1 / 4), clamped)
+            <= 1.1 * min_constant
+        )
 
 
 def test_sides_of_random_polygons_have_a_constant_that_is_near_the_best_one():
@@ -132,9 +136,13 @@ def test_sides_of_random_polygons_have_a_constant_that_is_near_the_best_one():
         radius = rng.uniform(0.4, 1, n)
         polygon = Polygon(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), "star")
         clamped = tuple(rng.permutation(n)[: rng.integers(1, n + 1)].tolist())
-        least = constant_of_p2(refine_uniformly(graded(polygon)), clamped)
+        min_constant = constant_of_p2(refine_uniformly(grade_to_short_sides(polygon)), clamped)
         for h in (1, 1 / 8):
-            assert least <= friedrichs_constant(make_unstructured_mesh(polygon, h), clamped) <= 1.1 * least
+            assert (
+                min_constant
+                <= friedrichs_constant(make_unstructured_mesh(polygon, h), clamped)
+                <= 1.1 * min_constant
+            )
 
 
 STRIP = 2 / math.pi
@@ -172,7 +180,7 @@ def test_thin_polygons_hide_nothing(h, e):
 @pytest.mark.parametrize("d", [1e-4, 1e-6, 1e-10])
 def test_short_free_sides_hide_nothing(h, d):
     """2 / pi where all of x = 0 is clamped; a free part of d changes less than one in a thousand of it."""
-    assert STRIP <= friedrichs_constant(make_unstructured_mesh(beside(d), h), (3,)) <= 1.03 * STRIP
+    assert STRIP <= friedrichs_constant(make_unstructured_mesh(make_split_square(d), h), (3,)) <= 1.03 * STRIP
 
 
 def test_what_rounding_hides_is_said():
@@ -191,8 +199,8 @@ def test_another_mesh_serves_where_rounding_hides_the_eigenvalue(monkeypatch):
     constant = friedrichs_constant(mesh, (1,))
     constant_on = poincare.crouzeix_raviart_constant
 
-    def hidden(other, clamped):
-        return math.inf if other is mesh.coarse else constant_on(other, clamped)
+    def hidden(second, clamped):
+        return math.inf if second is mesh.coarse else constant_on(second, clamped)
 
     monkeypatch.setattr(poincare, "crouzeix_raviart_constant", hidden)
     assert friedrichs_constant(mesh, (1,)) == pytest.approx(constant, rel=0.02)
@@ -210,7 +218,7 @@ def test_a_large_mesh_is_not_used(monkeypatch):
 
 def test_without_gmsh_the_mesh_itself_serves(monkeypatch):
     """If it is small, even if it is coarse beside a clamped side. Else gmsh is asked for."""
-    mesh = make_unstructured_mesh(beside(1e-3), 1 / 8)
+    mesh = make_unstructured_mesh(make_split_square(1e-3), 1 / 8)
     constant = friedrichs_constant(mesh, (4,))
     monkeypatch.setitem(sys.modules, "gmsh", None)
     assert (
@@ -248,20 +256,20 @@ def test_no_eigenvalue_is_below_the_bound_whatever_is_rounded(monkeypatch):
     rng = np.random.default_rng(3)
     matrices = [nearly_singular(rng, 10 ** -rng.uniform(6, 15.5)) for _ in range(60)]
     with mpmath.workdps(60):
-        least = [min(mpmath.eigsy(mpmath.matrix(B.toarray()), eigvals_only=True)) for B in matrices]
+        minimum = [min(mpmath.eigsy(mpmath.matrix(B.toarray()), eigvals_only=True)) for B in matrices]
     bounds = [poincare.bound_eigenvalue(B) for B in matrices]
-    assert all(mu == 0 or mu <= exact for mu, exact in zip(bounds, least, strict=True))
+    assert all(mu == 0 or mu <= exact for mu, exact in zip(bounds, minimum, strict=True))
     assert 10 < np.count_nonzero(bounds) < 55
     monkeypatch.setattr(poincare, "EPS", 0.0)
     without = [poincare.bound_eigenvalue(B) for B in matrices]
-    assert any(mu > exact for mu, exact in zip(without, least, strict=True))
+    assert any(mu > exact for mu, exact in zip(without, minimum, strict=True))
 
 
-def nearly_singular(rng, least):
+def nearly_singular(rng, minimum):
     """A matrix (6, 6) with the eigenvalue `least` and others up to 1, its rows and columns then scaled."""
     Q, _ = np.linalg.qr(rng.standard_normal((6, 6)))
     scale = 10 ** rng.uniform(0, 6, 6)
-    B = scale[:, None] * ((Q * np.append(least, rng.uniform(0.1, 1, 5))) @ Q.T) * scale
+    B = scale[:, None] * ((Q * np.append(minimum, rng.uniform(0.1, 1, 5))) @ Q.T) * scale
     return sp.csr_array(0.5 * (B + B.T))
 
 

@@ -44,19 +44,19 @@ def integral(f, mesh, case, degree=8):
 @pytest.mark.parametrize(("name", "mesh"), PLACES)
 def test_the_rules_cover_the_mesh_once(name, mesh):
     """Per triangle the weights sum to its area, and the points are where their coordinates say."""
-    on, case = place(name, mesh)
-    covered = np.zeros(len(on.triangles))
-    for rule in triangle_rules(on, case):
+    subset, case = place(name, mesh)
+    covered = np.zeros(len(subset.triangles))
+    for rule in triangle_rules(subset, case):
         covered += np.bincount(rule.triangle, rule.weight.sum(axis=1), len(covered))
         assert np.all(rule.barycentric > -1e-9)
-        corners = on.points[on.triangles[rule.triangle]]
+        corners = subset.points[subset.triangles[rule.triangle]]
         places = (rule.barycentric @ corners).reshape(-1, 2)
         np.testing.assert_allclose(places, rule.points, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(covered, on.areas, rtol=1e-9)
-    assert covered.sum() == pytest.approx(on.polygon.area, rel=1e-13)
-    boundary = boundary_rule(case.polygon, on.s, case.singular_points())
-    lengths = boundary.integrate(np.ones_like(boundary.s), len(on.boundary))
-    np.testing.assert_allclose(lengths, np.diff(on.s), rtol=1e-12)
+    np.testing.assert_allclose(covered, subset.areas, rtol=1e-9)
+    assert covered.sum() == pytest.approx(subset.polygon.area, rel=1e-13)
+    boundary = boundary_rule(case.polygon, subset.s, case.singular_points())
+    lengths = boundary.integrate(np.ones_like(boundary.s), len(subset.boundary))
+    np.testing.assert_allclose(lengths, np.diff(subset.s), rtol=1e-12)
 
 
 def moment(polygon, a, b):
@@ -67,22 +67,21 @@ def moment(polygon, a, b):
 
 @pytest.mark.parametrize(("name", "mesh"), PLACES)
 def test_polynomials_are_exact(name, mesh):
-    on, case = place(name, mesh)
+    subset, case = place(name, mesh)
     a, b = np.array([(a, b) for a in range(9) for b in range(9 - a)]).T
 
     def products(points):
-        x, y = (np.vander(coordinate, 9, increasing=True) for coordinate in points.T)
-        return x[:, a] * y[:, b]
+        return points[:, [0]] ** a * points[:, [1]] ** b
 
-    found = integral(products, on, case)
-    expected = [moment(on.polygon.name, *each) for each in zip(a, b, strict=True)]
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+    computed = integral(products, subset, case)
+    expected = [moment(subset.polygon.name, *powers) for powers in zip(a, b, strict=True)]
+    np.testing.assert_allclose(computed, expected, rtol=1e-12, atol=1e-13)
 
 
 def test_a_rule_of_too_low_degree_is_seen():
-    on = mesh_of("structured")
+    mesh = mesh_of("structured")
     case = load("no_contact")
-    assert abs(integral(lambda p: p[:, 0] ** 8, on, case, degree=1) - 1 / 9) > 1e-6
+    assert abs(integral(lambda p: p[:, 0] ** 8, mesh, case, degree=1) - 1 / 9) > 1e-6
 
 
 POINTS = {
@@ -97,7 +96,7 @@ POINTS = {
 def harmonic_at(case_like):
     """`natural` with its harmonic atom alone, at another point of the bottom."""
     atom = {"atom": "harmonic", "side": 0, "alpha": "1/2", "times": "3/2"}
-    return lambda at: case_like("natural", u=[atom | {"at": at}], gap={"elsewhere": 1})
+    return lambda position: case_like("natural", u=[atom | {"at": position}], gap={"elsewhere": 1})
 
 
 def power_over_square(x0, beta):
@@ -112,16 +111,16 @@ def power_over_square(x0, beta):
 
     right = math.atan2(1, 1 - x0)
     top = math.atan(1 - x0)
-    left = math.atan2(1, x0)
-    return fan(1 - x0, 0, right) + fan(1, -math.atan(x0), top) + fan(x0, 0, left)
+    remaining = math.atan2(1, x0)
+    return fan(1 - x0, 0, right) + fan(1, -math.atan(x0), top) + fan(x0, 0, remaining)
 
 
 @pytest.mark.parametrize("beta", [-0.5, 0.5, 1.0, 1.5, 3.5])
-@pytest.mark.parametrize("at", POINTS.values(), ids=POINTS)
-def test_singular_powers(harmonic_at, at, beta):
+@pytest.mark.parametrize("position", POINTS.values(), ids=POINTS)
+def test_singular_powers_are_integrated_to_1e_6(harmonic_at, position, beta):
     """Degree 8 is limited by the pieces next to the singular one, where r^beta is analytic but not
     polynomial: 1e-6; eight degrees more gain the factor 3^8 of their relative distance."""
-    case = harmonic_at(at)
+    case = harmonic_at(position)
     x0 = case.singular_points()[0].t
     exact = power_over_square(x0, beta)
 
@@ -133,21 +132,23 @@ def test_singular_powers(harmonic_at, at, beta):
         assert integral(power, mesh_of(mesh), case, 16) == pytest.approx(exact, rel=1e-9)
 
 
-@pytest.mark.parametrize("at", POINTS.values(), ids=POINTS)
-def test_the_energy_of_the_harmonic_atom(harmonic_at, at):
+@pytest.mark.parametrize("position", POINTS.values(), ids=POINTS)
+def test_the_energy_of_the_harmonic_atom_is_its_closed_form(harmonic_at, position):
     """|grad Im z^(3/2)|^2 = (9/4) r; far from the point the rule of degree 8 leaves 1e-8."""
-    case = harmonic_at(at)
-    found = integral(
+    case = harmonic_at(position)
+    energy = integral(
         lambda p: np.sum(case.value_and_gradient(p)[1] ** 2, axis=1), mesh_of("structured"), case
     )
-    assert found == pytest.approx(2.25 * power_over_square(case.singular_points()[0].t, 1.0), rel=1e-7)
+    assert energy == pytest.approx(2.25 * power_over_square(case.singular_points()[0].t, 1.0), rel=1e-7)
 
 
 def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
     case = harmonic_at("1/3")
     monkeypatch.setattr(quadrature, "split_triangles", unsplit)
-    found = integral(lambda p: np.hypot(p[:, 0] - 1 / 3, p[:, 1]) ** -0.5, mesh_of("structured"), case)
-    assert abs(found / power_over_square(1 / 3, -0.5) - 1) > 1e-4
+    power_integral = integral(
+        lambda p: np.hypot(p[:, 0] - 1 / 3, p[:, 1]) ** -0.5, mesh_of("structured"), case
+    )
+    assert abs(power_integral / power_over_square(1 / 3, -0.5) - 1) > 1e-4
 
 
 def test_points_of_one_grading_share_a_rule():
@@ -161,7 +162,7 @@ def unsplit(mesh, case):
     return np.empty((0, 3, 3)), np.empty(0, dtype=np.intp), []
 
 
-def test_the_source_of_thirds():
+def test_the_integral_of_the_source_of_thirds_is_that_in_polar_coordinates():
     """In polar coordinates about its point f = c(theta) w(r), and c integrates to -2/3 times 2/3."""
 
     def w(r):
@@ -199,7 +200,7 @@ def bottom_means(case, partition, which):
 
 @pytest.mark.parametrize("fraction", [0.0, 0.37, 0.05])
 @pytest.mark.parametrize("H", [1 / 2, 1 / 8, 1 / 64])
-def test_boundary_means(H, fraction):
+def test_boundary_means_of_powers_are_their_closed_forms(H, fraction):
     """s^(1/2), s^(3/2) and the cut-off power in closed form, to the cancellation in it."""
     cells = partitions.make_shifted_partition(square(), H, fraction)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
@@ -220,9 +221,9 @@ def test_gauss_points_alone_miss_the_boundary_means():
 
 
 def errors(name, n, degree):
-    made = discrete(name, n, n // 2, degree=degree)
-    found = exact_errors(made, solve_condensed_problem(made))
-    return np.array([found.h1, found.l2])
+    discrete_problem = discrete(name, n, n // 2, degree=degree)
+    error_norms = exact_errors(discrete_problem, solve_condensed_problem(discrete_problem))
+    return np.array([error_norms.h1, error_norms.l2])
 
 
 @pytest.mark.parametrize(("n", "raised"), [(16, 12), (64, 9)])
@@ -246,39 +247,41 @@ POWER = {"atom": "tensor", "side": 0, "profile": "1 + pos(t, 8/5)", "cutoff": "1
 
 
 @pytest.fixture
-def declared(case_like):
+def declare_case(case_like):
     return lambda **fields: case_like("full_contact", constants={}, **fields)
 
 
-def test_boundary_means_see_a_power_at_a_vertex(declared):
+def test_boundary_means_see_a_power_at_a_vertex(declare_case):
     """t^(3/2) and t^(8/5) from the vertex on, in closed form; graded to nothing they were off by 1e-8."""
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     gap = {"sides": [{"side": 0, "formula": "1 + pos(t, 3/2)"}], "elsewhere": 1}
-    case = declared(u=[{"atom": "smooth", "formula": "0"}], gap=gap)
+    case = declare_case(u=[{"atom": "smooth", "formula": "0"}], gap=gap)
     assert bottom_means(case, cells, 2)[0] == pytest.approx(1 + 0.25**1.5 / 2.5, abs=1e-12)
-    case = declared(u=[POWER], gap={"elsewhere": 0})
+    case = declare_case(u=[POWER], gap={"elsewhere": 0})
     assert bottom_means(case, cells, 1)[0] == pytest.approx(1 + 0.25**1.6 / 2.6, abs=1e-12)
 
 
-def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
+def test_boundary_means_see_where_a_cutoff_crosses_another_side(declare_case):
     """On side 1 the flux is -(8/5) y (1 - 9 y^2)_+^4, its cutoff's end inside the second cell."""
     cells = partitions.make_uniform_partition(square(), 1 / 4)
-    case = declared(u=[POWER], gap={"elsewhere": 0})
+    case = declare_case(u=[POWER], gap={"elsewhere": 0})
     rule = boundary_rule(case.polygon, cells.points, case.singular_points())
     means = rule.integrate(case.trace_flux_and_gap(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
-    rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
-    np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, rtol=0, atol=1e-12)
+    remaining = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
+    np.testing.assert_allclose(
+        means, -np.array([1 - remaining, remaining]) * 1.6 / 90 / 0.25, rtol=0, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "alpha"), [("rough", -0.95), ("singular", -0.25), ("borderline_0.05", 0.05)]
 )
-def test_boundary_means_of_a_power_times_a_cutoff(name, alpha):
+def test_boundary_means_of_a_power_times_a_cutoff_are_their_closed_forms(name, alpha):
     """In tau = s^(1/20) that is no polynomial of a low degree."""
     case = load(name)
     cells = partitions.make_shifted_partition(square(), 1 / 8, 0.37)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
     rule = boundary_rule(case.polygon, cells.points, case.singular_points())
     flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
-    found = rule.integrate(flux, cells.n_cells)[cells.side == 0]
-    np.testing.assert_allclose(found, np.diff(cut_off_power(x - 1 / 3, alpha)), rtol=1e-12, atol=1e-12)
+    integrals = rule.integrate(flux, cells.n_cells)[cells.side == 0]
+    np.testing.assert_allclose(integrals, np.diff(cut_off_power(x - 1 / 3, alpha)), rtol=1e-12, atol=1e-12)

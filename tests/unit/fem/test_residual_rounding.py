@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from flint import arb, ctx
-from nested import assembled
+from nested import assemble_by_elements
 
 from unilateral.arrays import Array
 from unilateral.fem import residual_rounding
@@ -21,7 +21,7 @@ from unilateral.geometry.polygon import find_polygon
 DIGITS = 60
 LSHAPE = find_polygon("lshape")
 MESH = meshes.make_unstructured_mesh(LSHAPE, 0.3)
-A = assembled(MESH)
+A = assemble_by_elements(MESH)
 MASS = lumped_mass(MESH)
 CELLS = make_uniform_partition(LSHAPE, 0.7)
 B = coupling(MESH, CELLS)
@@ -40,8 +40,8 @@ def exactly(u: Array) -> list[arb]:
 
 
 def row_times(matrix: sp.csr_array, i: int, u: list[arb]) -> arb:
-    of = slice(matrix.indptr[i], matrix.indptr[i + 1])
-    pairs = zip(matrix.data[of].tolist(), matrix.indices[of].tolist(), strict=True)
+    row = slice(matrix.indptr[i], matrix.indptr[i + 1])
+    pairs = zip(matrix.data[row].tolist(), matrix.indices[row].tolist(), strict=True)
     return sum((arb(a) * u[j] for a, j in pairs), arb(0))
 
 
@@ -49,8 +49,8 @@ def products(u: Array) -> tuple[Rounded, list[arb]]:
     """Of the matrix; its diagonal is what makes the rows add up to the mass."""
     numbers = exactly(u)
     masses = exactly(MASS)
-    differences = ([value - own for value in numbers] for own in numbers)
-    exact = [masses[i] * numbers[i] + row_times(A, i, each) for i, each in enumerate(differences)]
+    differences = ([value - original for value in numbers] for original in numbers)
+    exact = [masses[i] * numbers[i] + row_times(A, i, difference) for i, difference in enumerate(differences)]
     return residual_rounding.product_with_rounding(A, MASS, u), exact
 
 
@@ -80,21 +80,23 @@ def means(u: Array) -> tuple[Rounded, list[arb]]:
     return residual_rounding.gap_with_rounding(B, v, g, CELLS.lengths), exact
 
 
-@pytest.mark.parametrize("of", [products, loads, integrals, means])
-def test_no_error_is_above_its_bound(of: Callable[[Array], tuple[Rounded, list[arb]]]) -> None:
+@pytest.mark.parametrize("compute", [products, loads, integrals, means])
+def test_no_error_is_above_its_bound(compute: Callable[[Array], tuple[Rounded, list[arb]]]) -> None:
     """For rough vectors, and large constants with a little more; a bound of a fiftieth would be missed."""
     rng = np.random.default_rng(8)
     largest = 0.0
     for size in (1e-90, 1, 1e90):
         for constant in (0, 1, 1e6, 1e15):
-            found, exact = of(size * (constant + rng.standard_normal(len(MASS))))
-            for value, doubt, true in zip(exactly(found.values), exactly(found.rounding), exact, strict=True):
+            computed, exact = compute(size * (constant + rng.standard_normal(len(MASS))))
+            for value, doubt, true in zip(
+                exactly(computed.values), exactly(computed.rounding), exact, strict=True
+            ):
                 largest = max(largest, float((abs(value - true) / doubt).upper()))
     assert 0.02 < largest <= 1
 
 
 @pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
-def test_the_dual_norm_at_every_size(size: float) -> None:
+def test_the_dual_norm_scales_at_every_size(size: float) -> None:
     """Against (R . A^{-1} R)^(1/2) at size 1; the squares of these numbers would vanish, or be infinite."""
     R = np.random.default_rng(1).standard_normal(len(MASS))
     exact = np.sqrt(R @ np.linalg.solve(A.toarray(), R))
@@ -118,9 +120,9 @@ SLIVER = 0.99 * 2.0**-53
 """Less than half a unit in the last place of 1, so 1 + SLIVER is 1."""
 
 
-def lost(found: Rounded, exact: list[arb]) -> float:
+def largest_error_ratio(computed: Rounded, exact: list[arb]) -> float:
     """The largest error over its allowance."""
-    triples = zip(exactly(found.values), exactly(found.rounding), exact, strict=True)
+    triples = zip(exactly(computed.values), exactly(computed.rounding), exact, strict=True)
     return max(float((abs(value - true) / doubt).lower()) for value, doubt, true in triples)
 
 
@@ -129,13 +131,13 @@ def test_sums_of_means_and_loads_lose_a_unit_for_each_term() -> None:
     terms = np.append(1.0, np.full(K - 1, SLIVER))
     row = sp.csr_array(np.ones((1, K)))
     exact = sum(exactly(terms), arb(0))
-    found = residual_rounding.gap_with_rounding(row, terms, np.zeros(1))
-    assert found.values[0] == 1.0
-    assert 0.8 < lost(found, [exact]) <= 1
+    gap = residual_rounding.gap_with_rounding(row, terms, np.zeros(1))
+    assert gap.values[0] == 1.0
+    assert 0.8 < largest_error_ratio(gap, [exact]) <= 1
     column = sp.csr_array(np.ones((K, 1)))
-    found = residual_rounding.load_with_rounding(np.zeros(1), column, terms)
-    assert found.values[0] == 1.0
-    assert 0.8 < lost(found, [exact]) <= 1
+    gap = residual_rounding.load_with_rounding(np.zeros(1), column, terms)
+    assert gap.values[0] == 1.0
+    assert 0.8 < largest_error_ratio(gap, [exact]) <= 1
 
 
 def test_products_lose_a_unit_for_each_entry_of_a_row() -> None:
@@ -144,10 +146,10 @@ def test_products_lose_a_unit_for_each_entry_of_a_row() -> None:
     Six units are lost of the twelve that are allowed for eight entries and four units more.
     """
     u = np.append([0.0, 1.0], np.full(6, SLIVER))
-    found = residual_rounding.product_with_rounding(sp.csr_array(np.ones((8, 8))), np.zeros(8), u)
-    assert found.values[0] == 1.0
-    first = Rounded(found.values[:1], found.rounding[:1])
-    assert 0.4 < lost(first, [sum(exactly(u), arb(0))]) <= 1
+    product = residual_rounding.product_with_rounding(sp.csr_array(np.ones((8, 8))), np.zeros(8), u)
+    assert product.values[0] == 1.0
+    first = Rounded(product.values[:1], product.rounding[:1])
+    assert 0.4 < largest_error_ratio(first, [sum(exactly(u), arb(0))]) <= 1
 
 
 def test_a_large_load_hides_a_small_product() -> None:
@@ -155,9 +157,9 @@ def test_a_large_load_hides_a_small_product() -> None:
     matrix = sp.csr_array(np.ones((1, 1)))
     tiny = np.array([1e-17])
     load = Rounded(np.ones(1), np.zeros(1))
-    found = residual_rounding.residual_with_rounding(matrix, np.ones(1), tiny, load)
-    assert found.values[0] == 1.0
-    assert lost(found, [arb(1) - arb(1e-17)]) <= 1
+    residual = residual_rounding.residual_with_rounding(matrix, np.ones(1), tiny, load)
+    assert residual.values[0] == 1.0
+    assert largest_error_ratio(residual, [arb(1) - arb(1e-17)]) <= 1
 
 
 def test_norms_are_above_their_rounding() -> None:

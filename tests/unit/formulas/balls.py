@@ -38,21 +38,21 @@ def positive_power(a, k):
     return arb(0).union(abs(a) ** k if k > 0 else arb(1)) if k >= 0 else arb("nan")
 
 
-def value(e, at):
+def value(e, place):
     """That of a formula, `at` the values of its variables, to which those of its parts are added."""
-    if e not in at:
-        at[e] = _value(e, at)
-    return at[e]
+    if e not in place:
+        place[e] = _value(e, place)
+    return place[e]
 
 
-def _value(e, at):
+def _value(e, place):
     if e.is_Rational:
         return arb(fmpq(int(e.p), int(e.q)))
     if e is sympy.pi:
         return arb.pi()
     if e is sympy.E:
         return arb(1).exp()
-    args = [value(each, at) for each in e.args]
+    args = [value(argument, place) for argument in e.args]
     if e.is_Add:
         return sum(args[1:], args[0])
     if e.is_Mul:
@@ -64,11 +64,11 @@ def _value(e, at):
 
 def polynomial(c, exponents, sigma):
     """The sum of c (m,) times monomials with those exponents (m, d) at sigma (d,)."""
-    found = arb(0)
-    for of, powers in zip(c, exponents, strict=True):
-        if of:
-            found += math.prod(arb(s) ** k for s, k in zip(sigma, powers, strict=True)) * of
-    return found
+    total = arb(0)
+    for coefficient, powers in zip(c, exponents, strict=True):
+        if coefficient:
+            total += math.prod(arb(s) ** k for s, k in zip(sigma, powers, strict=True)) * coefficient
+    return total
 
 
 def certain(question, *arguments):
@@ -97,7 +97,9 @@ def between(lower, number, upper):
 
 def holds(model, j, sigma, f):
     """Whether a value f at sigma is in the model's range and within its remainder; None if not known."""
-    low, high, rad = (float(each[j]) for each in (*model.range, model.rad))
+    low = float(model.range[0][j])
+    high = float(model.range[1][j])
+    rad = float(model.rad[j])
     p = polynomial(model.c[:, j].tolist(), model.basis.exponents.tolist(), sigma)
     answers = between(low, f, high), between(-rad, f - p, rad)
     return False if False in answers else (None if None in answers else True)
@@ -106,8 +108,10 @@ def holds(model, j, sigma, f):
 def box(order, centre, arms):
     """The models of x and y on one box each, affine in sigma: centre (2,), arms (2, 2)."""
     models = []
-    for c, of in zip(centre, np.asarray(arms, dtype=float), strict=True):
-        size = np.abs(of).sum()
-        at = np.array([c])
-        models.append(affine_model(monomial_basis(2, order), at, of[:, None], (at - size, at + size)))
+    for c, arm in zip(centre, np.asarray(arms, dtype=float), strict=True):
+        size = np.abs(arm).sum()
+        values = np.array([c])
+        models.append(
+            affine_model(monomial_basis(2, order), values, arm[:, None], (values - size, values + size))
+        )
     return dict(zip("xy", models, strict=True))

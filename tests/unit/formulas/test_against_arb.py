@@ -31,8 +31,8 @@ def numbers(rng, k):
     low, high = np.array([[-1074, -60, 0, -1074, 1000], [1022.9, 60, 0, -1020, 1022.9]])
     kind = rng.integers(0, 6, k)
     scale = rng.uniform(low[kind % 5], high[kind % 5])
-    found = np.where(kind == 5, rng.choice(SPECIAL, k), rng.uniform(1, 2, k) * 2.0**scale)
-    return found * rng.choice([-1, 1], k)
+    values = np.where(kind == 5, rng.choice(SPECIAL, k), rng.uniform(1, 2, k) * 2.0**scale)
+    return values * rng.choice([-1, 1], k)
 
 
 def intervals(rng, k):
@@ -40,39 +40,39 @@ def intervals(rng, k):
     a = numbers(rng, k)
     b = numbers(rng, k)
     narrow = 2.0 ** rng.uniform(-55, -1, k)
-    other = np.select([rng.uniform(size=k) < 0.2, rng.uniform(size=k) < 0.7], [a, a * (1 - narrow)], b)
-    return np.minimum(a, other), np.maximum(a, other)
+    second = np.select([rng.uniform(size=k) < 0.2, rng.uniform(size=k) < 0.7], [a, a * (1 - narrow)], b)
+    return np.minimum(a, second), np.maximum(a, second)
 
 
-def models(rng, of, k):
+def models(rng, operation, k):
     """Polynomials with coefficients of all scales, alike or not, and remainders that may be 0.
 
     A third of them are about 1, linear and without a remainder, so that only that of the operation counts.
     """
     size = numbers(rng, k) / 64
     shrink = 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
-    c = size * shrink ** of.degrees[:, None] * rng.uniform(-1, 1, (len(of.degrees), k))
+    c = size * shrink ** operation.degrees[:, None] * rng.uniform(-1, 1, (len(operation.degrees), k))
     rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
-    at = rng.uniform(0.2, 3.0, k)
+    samples = rng.uniform(0.2, 3.0, k)
     plain = rng.uniform(size=k) < 1 / 3
-    arms = 0.3 * np.minimum(at, 1.0) * rng.choice([0.0, 1e-9, 1.0, 1.0], k) * rng.choice([-1, 1], (2, k))
+    arms = 0.3 * np.minimum(samples, 1.0) * rng.choice([0.0, 1e-9, 1.0, 1.0], k) * rng.choice([-1, 1], (2, k))
     c[:, plain] = 0.0
     rad[plain] = 0.0
-    c[:3, plain] = np.vstack([at, arms])[:, plain]
+    c[:3, plain] = np.vstack([samples, arms])[:, plain]
     reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
-    return TaylorModel(of, c, rad, interval.round_outward(c[0] - reach, c[0] + reach))
+    return TaylorModel(operation, c, rad, interval.round_outward(c[0] - reach, c[0] + reach))
 
 
 def tally(answers):
     """How many of them are True, and how many False."""
-    known = [*answers]
-    return known.count(True), known.count(False)
+    expected = [*answers]
+    return expected.count(True), expected.count(False)
 
 
-def of_intervals(of, oracle, rng, arity, k):
+def try_intervals(operation, oracle, rng, arity, k):
     """Whether values of the `oracle` at points of random boxes lie in the ranges that `of` finds."""
     arguments = [intervals(rng, k) for _ in range(arity)]
-    low, high = of(*arguments)
+    low, high = operation(*arguments)
     assert not np.isnan(low).any()
     assert not np.isnan(high).any()
 
@@ -85,68 +85,68 @@ def of_intervals(of, oracle, rng, arity, k):
             yield certain(answer, j, t)
 
 
-def of_models(of, oracle, rng, arity, k, order=3, points=POINTS):
+def try_models(operation, oracle, rng, arity, k, order=3, points=POINTS):
     """The same of Taylor models: the arguments differ from their polynomials by a share of the remainders."""
     space = monomial_basis(2, order)
     arguments = [models(rng, space, k) for _ in range(arity)]
-    found = of(*arguments)
-    assert np.isfinite(found.c).all()
-    assert (found.rad >= 0).all()
-    assert (found.range[0] <= found.range[1]).all()
+    model = operation(*arguments)
+    assert np.isfinite(model.c).all()
+    assert (model.rad >= 0).all()
+    assert (model.range[0] <= model.range[1]).all()
 
     def answer(j, sigma, share):
         values = (
             polynomial(a.c[:, j].tolist(), space.exponents.tolist(), sigma) + arb(float(a.rad[j])) * share
             for a in arguments
         )
-        return holds(found, j, sigma, oracle(*values))
+        return holds(model, j, sigma, oracle(*values))
 
     for j in range(k):
         for *sigma, share in rng.choice([-1.0, 0.25, 1.0], (points, 3)).tolist():
             yield certain(answer, j, sigma, share)
 
 
-def raised(of, k):
+def fix_exponent(operation, k):
     """A function of a base and an exponent as one of the base."""
-    return lambda a: of(a, k)
+    return lambda a: operation(a, k)
 
 
 OPERATIONS = {  # the functions of balls, of intervals and of models
     "sum": (operator.add, interval.add_intervals, TaylorModel.__add__),
     "product": (operator.mul, interval.multiply_intervals, TaylorModel.__mul__),
 }
-for name, of in taylor_enclosures.MODEL_FUNCTIONS.items():
-    OPERATIONS[name] = getattr(arb, name), getattr(interval, name), of
+for name, model_function in taylor_enclosures.MODEL_FUNCTIONS.items():
+    OPERATIONS[name] = getattr(arb, name), getattr(interval, name), model_function
 for n in EXPONENTS:
     OPERATIONS[f"power {n}"] = (
-        raised(pow, n),
-        raised(interval.integer_power, n),
-        raised(taylor_enclosures.power_model, n),
+        fix_exponent(pow, n),
+        fix_exponent(interval.integer_power, n),
+        fix_exponent(taylor_enclosures.power_model, n),
     )
 for k in FRACTIONS:
     OPERATIONS[f"positive power {k}"] = (
-        raised(lambda a, k: positive_power(a, exact(k)), k),
-        raised(interval.positive_part_power, float(k)),
-        raised(taylor_enclosures.positive_power_model, float(k)),
+        fix_exponent(lambda a, k: positive_power(a, exact(k)), k),
+        fix_exponent(interval.positive_part_power, float(k)),
+        fix_exponent(taylor_enclosures.positive_power_model, float(k)),
     )
 for k in FRACTIONS:
     if k.q > 1:
         OPERATIONS[f"root {k}"] = (
-            raised(lambda a, k: a ** exact(k), k),
+            fix_exponent(lambda a, k: a ** exact(k), k),
             None,
-            raised(taylor_enclosures.root_model, float(k)),
+            fix_exponent(taylor_enclosures.root_model, float(k)),
         )
 for n in (1e-320, -1 / 3, 1e300):
-    OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(TaylorModel.scale, n)
+    OPERATIONS[f"times {n}"] = fix_exponent(operator.mul, n), None, fix_exponent(TaylorModel.scale, n)
 
 
-def tried(name, k=BOXES, seed=1):
+def count_enclosed_values(name, k=BOXES, seed=1):
     """How many values of that operation are in its enclosures, and how many are not."""
     operation, kind = name.split(" of ")
     oracle, *functions = OPERATIONS[operation]
-    trying, of = (of_intervals, functions[0]) if kind == "intervals" else (of_models, functions[1])
+    trying, item = (try_intervals, functions[0]) if kind == "intervals" else (try_models, functions[1])
     arity = 2 if operation in ("sum", "product") else 1
-    return tally(trying(of, oracle, np.random.default_rng(seed), arity, k))
+    return tally(trying(item, oracle, np.random.default_rng(seed), arity, k))
 
 
 ENCLOSED = [f"{name} of intervals" for name, functions in OPERATIONS.items() if functions[1]]
@@ -154,8 +154,8 @@ ENCLOSED += [f"{name} of models" for name in OPERATIONS]
 
 
 @pytest.mark.parametrize("name", ENCLOSED)
-def test_every_operation(name):
-    inside, outside = tried(name)
+def test_every_operation_encloses_its_values(name):
+    inside, outside = count_enclosed_values(name)
     assert outside == 0
     # a root has values on the boxes on which its argument is positive, half of them
     assert inside > (0.25 if name.startswith("root") else 0.5) * BOXES * POINTS
@@ -185,16 +185,16 @@ def formulas(seed, n):
     """So many of them that depend on x or y and are defined somewhere, the same ones for each seed."""
     rng = random.Random(seed)
     while n:
-        found = random_formula(rng, rng.choice([1, 2, 2, 3]))
-        if found.free_symbols and not found.has(sympy.zoo, sympy.nan, sympy.I, sympy.Abs):
+        formula = random_formula(rng, rng.choice([1, 2, 2, 3]))
+        if formula.free_symbols and not formula.has(sympy.zoo, sympy.nan, sympy.I, sympy.Abs):
             n -= 1
-            yield found
+            yield formula
 
 
-def of_formulas(seed):
+def count_enclosed_formulas(seed):
     rng = np.random.default_rng(seed)
     for formula in formulas(seed, FORMULAS):
-        yield from of_models(
+        yield from try_models(
             lambda x, y, e=formula: evaluate(e, {X: x, Y: y}),
             lambda x, y, e=formula: value(e, {X: x, Y: y}),
             rng,
@@ -206,18 +206,18 @@ def of_formulas(seed):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_random_formulas(seed):
+def test_random_formulas_enclose_their_values(seed):
     """27 000 pairs of a formula and a box in all, besides those of single operations."""
-    inside, outside = tally(of_formulas(seed))
+    inside, outside = tally(count_enclosed_formulas(seed))
     assert outside == 0
     assert inside > 0.5 * FORMULAS * OF_EACH
 
 
-def last_times(factor, own):
+def last_times(factor, computed):
     """The same sequence with its last member spoilt."""
 
     def sequence(*arguments):
-        values = own(*arguments)
+        values = computed(*arguments)
         values[-1] *= factor
         return values
 
@@ -254,7 +254,7 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
     module, attribute, smaller, operations = CONTROLS[name]
     monkeypatch.setattr(module, attribute, smaller)
     for operation in operations:
-        assert tried(operation, 4 * BOXES)[1] > 0, operation
+        assert count_enclosed_values(operation, 4 * BOXES)[1] > 0, operation
 
 
 @pytest.mark.parametrize(
@@ -266,35 +266,44 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""
-    own = getattr(np, name)
-    monkeypatch.setattr(np, name, lambda x: own(x) + 4 * np.spacing(np.abs(own(x))))
-    assert tried(f"{name} of intervals", seed=3)[1] == tried(f"{name} of models", seed=3)[1] == 0
+    original = getattr(np, name)
+    monkeypatch.setattr(np, name, lambda x: original(x) + 4 * np.spacing(np.abs(original(x))))
+    assert (
+        count_enclosed_values(f"{name} of intervals", seed=3)[1]
+        == count_enclosed_values(f"{name} of models", seed=3)[1]
+        == 0
+    )
     monkeypatch.setattr(module, constant, 0.0)
-    assert tried(f"{name} of models", seed=3)[1] > 0
+    assert count_enclosed_values(f"{name} of models", seed=3)[1] > 0
 
 
 @pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])
 def test_functions_of_numpy_are_off_by_less_than_four_units(name):
     """Of arguments of all sizes, subnormal and huge ones; what overflows is beyond the largest number."""
     x = numbers(np.random.default_rng(4), 2000)
-    of = getattr(arb, name)
+    function = getattr(arb, name)
     x = np.abs(x[x != 0]) if name in ("log", "sqrt") else x
     with np.errstate(over="ignore"):
-        found = getattr(np, name)(x)
-    finite = np.isfinite(found)
+        values = getattr(np, name)(x)
+    finite = np.isfinite(values)
     assert finite.sum() > 1000
     for a, f, unit in zip(
-        x[finite].tolist(), found[finite].tolist(), np.spacing(np.abs(found[finite])).tolist(), strict=True
+        x[finite].tolist(),
+        values[finite].tolist(),
+        np.spacing(np.abs(values[finite])).tolist(),
+        strict=True,
     ):
-        assert certain(lambda a, f, by: between(-by, of(arb(a)) - f, by), a, f, 4 * unit), a
-    assert not any(abs(of(arb(a))) < np.finfo(float).max * (1 - 1e-15) for a in x[~finite].tolist())
+        assert certain(
+            lambda a, f, half_width: between(-half_width, function(arb(a)) - f, half_width), a, f, 4 * unit
+        ), a
+    assert not any(abs(function(arb(a))) < np.finfo(float).max * (1 - 1e-15) for a in x[~finite].tolist())
 
 
 def test_an_extremum_between_two_neighbouring_numbers_is_not_missed(monkeypatch):
     """sin is 1 between the numbers next to pi/2 + 2 pi k; control: rounded multiples of pi do not tell."""
     k = np.unique(np.geomspace(1, 1e12, 400).round())
-    crests = [arb.pi() * (2 * int(each) + arb(0.5)) for each in k]
-    near = np.array([float(each.mid()) for each in crests])
+    crests = [arb.pi() * (2 * int(period) + arb(0.5)) for period in k]
+    near = np.array([float(crest.mid()) for crest in crests])
     lower = np.where(
         [bool(arb(a) < c) for a, c in zip(near.tolist(), crests, strict=True)], near, np.nextafter(near, 0)
     )
@@ -330,14 +339,15 @@ LEAVING = {
 
 
 @pytest.mark.parametrize("name", LEAVING)
-def test_formulas_of_which_parts_leave_the_range(name):
+def test_formulas_of_which_parts_leave_the_range_are_enclosed(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
     formula = parse_formula(text, ("x", "y"), "here")
     model = taylor_enclosures.enclose_formula(formula, box(4, centre, half * np.eye(2)))
 
     def answer(sigma):
-        x, y = (exact(c) + exact(half) * s for c, s in zip(centre, sigma, strict=True))
+        x = exact(centre[0]) + exact(half) * sigma[0]
+        y = exact(centre[1]) + exact(half) * sigma[1]
         return holds(model, 0, sigma, value(symbolic(formula), {X: x, Y: y}))
 
     sigmas = np.random.default_rng(5).uniform(-1, 1, (10, 2)).tolist()
@@ -365,21 +375,21 @@ NUMBERS = [
 def test_numbers_of_formulas_are_enclosed(text):
     """Against arb, where functions are taken of numbers of hundreds of digits, too."""
     e = symbolic(parse_formula(text, (), "here"))
-    found = evaluate(e, {X: range_model(monomial_basis(2, 2), (np.zeros(1), np.ones(1)))})
-    assert certain(lambda: holds(found, 0, [0.0, 0.0], value(e, {})))
-    assert found.rad[0] <= 32 * np.spacing(np.abs(found.c[0, 0])) + 2 * taylor.UNDERFLOW_ALLOWANCE
+    values = evaluate(e, {X: range_model(monomial_basis(2, 2), (np.zeros(1), np.ones(1)))})
+    assert certain(lambda: holds(values, 0, [0.0, 0.0], value(e, {})))
+    assert values.rad[0] <= 32 * np.spacing(np.abs(values.c[0, 0])) + 2 * taylor.UNDERFLOW_ALLOWANCE
     wrong = TaylorModel(
-        found.basis, found.c * (1 + 1e-14) + 4 * taylor.UNDERFLOW_ALLOWANCE, found.rad, found.range
+        values.basis, values.c * (1 + 1e-14) + 4 * taylor.UNDERFLOW_ALLOWANCE, values.rad, values.range
     )
     assert certain(lambda: holds(wrong, 0, [0.0, 0.0], value(e, {}))) is False
 
 
-def test_numbers_beyond_the_largest_and_the_smallest():
+def test_numbers_beyond_the_largest_and_the_smallest_are_enclosed():
     """They are enclosed, too: 10^400 and its inverse, as numbers and as factors."""
     x = affine_model(monomial_basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
     for e in (sympy.Integer(10) ** 400, sympy.Rational(1, 10**400), -(sympy.Integer(10) ** 400)):
         for formula in (e + X, e * X, e * sympy.sin(X)):
-            found = evaluate(formula, {X: x})
+            values = evaluate(formula, {X: x})
             assert certain(
-                lambda model, e: holds(model, 0, [0.0, 0.0], value(e, {X: arb(1)})), found, formula
+                lambda model, e: holds(model, 0, [0.0, 0.0], value(e, {X: arb(1)})), values, formula
             )

@@ -46,7 +46,7 @@ def test_what_has_no_digits_is_written_as_it_is(x, spec):
     assert format_up(x, spec) == format_down(x, spec) == format(x, spec)
 
 
-def test_two_bounds():
+def test_an_interval_is_printed_between_its_rounded_bounds():
     assert format_interval(1 / 3, 2 / 3, spec=".2f") == "between 0.33 and 0.67"
     assert format_interval(4 / 3, 4 / 3, 4 / 3, ".4e") == "1.3333e+00, between 1.3333e+00 and 1.3334e+00"
 
@@ -67,16 +67,16 @@ def test_a_number_with_its_distance_has_both_bounds_between():
         lower = value - below
         upper = value + above
         text = format_interval(lower, upper, value)
-        shown, _, wide = text.partition(" ± ")
+        displayed, _, wide = text.partition(" ± ")
         power = Fraction(10) ** int(text.partition("e")[2] or 0)
-        shown = Fraction(shown.strip("()").partition(")")[0]) * power
+        displayed = Fraction(displayed.strip("()").partition(")")[0]) * power
         wide = Fraction(wide.strip("()").partition(")")[0]) * power
-        assert shown - wide <= Fraction(lower) <= Fraction(upper) <= shown + wide
-        of, low, high = map(Fraction, (value, lower, upper))
-        assert wide <= Fraction(12, 10) * max(high - of, of - low)
+        assert displayed - wide <= Fraction(lower) <= Fraction(upper) <= displayed + wide
+        exact, low, high = map(Fraction, (value, lower, upper))
+        assert wide <= Fraction(12, 10) * max(high - exact, exact - low)
 
 
-def test_a_number_without_a_distance_or_bound():
+def test_a_number_is_printed_with_the_only_bound_that_is_known():
     assert format_interval(0.0, 0.0, 0.0) == "0 ± 0"
     assert format_interval(1.23456, math.inf, 2.0) == "2, at least 1.234"
     assert format_interval(-math.inf, 0.55485, 0.4857) == "0.4857, at most 0.5549"
@@ -84,6 +84,6 @@ def test_a_number_without_a_distance_or_bound():
 
 @given(st.floats(1e-300, 1e300))
 @settings(max_examples=200, derandomize=True, deadline=None)
-def test_a_percentage_is_not_below_the_part(part):
-    found = Fraction(format_percent(part).removesuffix(" %"))
-    assert 100 * Fraction(part) <= found <= 111 * Fraction(part)
+def test_a_percentage_is_not_below_the_part(share):
+    fraction = Fraction(format_percent(share).removesuffix(" %"))
+    assert 100 * Fraction(share) <= fraction <= 111 * Fraction(share)

@@ -22,24 +22,26 @@ PLACES = np.random.default_rng(0).uniform(-1, 1, (2, 50))
 
 @pytest.mark.parametrize("text", SMOOTH)
 @pytest.mark.parametrize("name", ["x", "y"])
-def test_it_is_what_sympy_finds(text: str, name: str) -> None:
-    found = compile_numpy([derivative(parse_formula(text, "xy", "here"), name)], "xy")(*PLACES)[0]
+def test_the_derivative_is_what_sympy_finds(text: str, name: str) -> None:
+    computed = compile_numpy([derivative(parse_formula(text, "xy", "here"), name)], "xy")(*PLACES)[0]
     x, y = sympy.symbols("x y", real=True)
     exact = sympy.lambdify(
         (x, y), sympy.diff(sympy.sympify(text, {"x": x, "y": y}), {"x": x, "y": y}[name]), "numpy"
     )
-    assert np.allclose(found, np.broadcast_to(exact(*PLACES), found.shape), rtol=1e-12, atol=1e-12)
+    assert np.allclose(computed, np.broadcast_to(exact(*PLACES), computed.shape), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize(
     ("text", "powers"), [("pos(x - y, 1)", 1), ("pos(x**2 - y, 2)*x", 2), ("pos(x, 5/2)", 2)]
 )
-def test_of_positive_parts_away_from_the_kink(text: str, powers: int) -> None:
+def test_the_derivative_of_positive_parts_is_the_difference_quotient_off_the_kink(
+    text: str, powers: int
+) -> None:
     value = compile_numpy([parse_formula(text, "xy", "here")], "xy")
-    found = compile_numpy([derivative(parse_formula(text, "xy", "here"), "x")], "xy")(*PLACES)[0]
+    computed = compile_numpy([derivative(parse_formula(text, "xy", "here"), "x")], "xy")(*PLACES)[0]
     h = 1e-6
     central = (value(PLACES[0] + h, PLACES[1])[0] - value(PLACES[0] - h, PLACES[1])[0]) / (2 * h)
-    assert np.sum(np.abs(found - central) > 1e-6) <= (powers == 1)
+    assert np.sum(np.abs(computed - central) > 1e-6) <= (powers == 1)
 
 
 def test_equal_factors_become_a_power() -> None:

@@ -191,18 +191,18 @@ def test_refusals_name_the_place_and_the_part(text, message):
 )
 def test_limits_are_looked_at_before_the_work(text, monkeypatch):
     """No power of x + y above its 100th, and no product above the 100th degree, is worked out."""
-    made = []
+    degrees = []
 
     def recording(operation):
-        return lambda a, b: made.append(sympy.total_degree(symbolic(operation(a, b)))) or operation(a, b)
+        return lambda a, b: degrees.append(sympy.total_degree(symbolic(operation(a, b)))) or operation(a, b)
 
     operators = {kind: recording(operation) for kind, operation in grammar.OPERATORS.items()}
     monkeypatch.setattr(grammar, "OPERATORS", operators)
     with pytest.raises(InputError):
         parse_formula(text, ("x", "y"), "here")
-    assert max(made, default=0) <= 100
+    assert max(degrees, default=0) <= 100
     assert symbolic(parse_formula("(x + y)**3", ("x", "y"), "here")) == (X + Y) ** 3
-    assert made[-1] == 3
+    assert degrees[-1] == 3
 
 
 @pytest.mark.parametrize(
@@ -228,10 +228,10 @@ def test_a_message_quotes_the_beginning_of_a_long_formula():
     assert str(refusal.value).startswith(f"here: '{'y' * 57}...' is unknown; known are x, y, pi")
 
 
-@pytest.mark.parametrize("part", ["{}%", "{}x", "0{}", "{},5", "{}^x", "{}(x)", "{}[0]"])
-def test_a_hint_quotes_the_beginning_of_a_long_number(part):
+@pytest.mark.parametrize("component", ["{}%", "{}x", "0{}", "{},5", "{}^x", "{}(x)", "{}[0]"])
+def test_a_hint_quotes_the_beginning_of_a_long_number(component):
     with pytest.raises(InputError) as refusal:
-        parse_formula(part.format("9" * 1000), ("x", "y"), "here")
+        parse_formula(component.format("9" * 1000), ("x", "y"), "here")
     assert "999..." in str(refusal.value)
     assert len(str(refusal.value)) < 300
 
@@ -286,7 +286,7 @@ def test_any_formula_parses_to_reals_or_is_refused(text):
 
 
 @pytest.mark.parametrize("k", ["1", "3/2", "2", "7/3", "4"])
-def test_derivative_of_pos(k):
+def test_the_derivative_of_pos_is_the_difference_quotient_and_0_on_the_other_side(k):
     """Against central differences, whose error is O(step^2) = 1e-10; exactly 0 where the argument is <= 0."""
     f = parse_formula(f"pos(2*t - 1, {k})", ("t",), "here")
     value = formula.compile_numpy([f], "t")
@@ -295,9 +295,9 @@ def test_derivative_of_pos(k):
     step = 1e-5
     difference = (value(t + step)[0] - value(t - step)[0]) / (2 * step)
     np.testing.assert_allclose(slope(t)[0], difference, rtol=1e-8)
-    left = np.array([-1.0, 0.0, 0.25, 0.5])
-    assert not np.any(value(left)[0])
-    assert not np.any(slope(left)[0])
+    remaining = np.array([-1.0, 0.0, 0.25, 0.5])
+    assert not np.any(value(remaining)[0])
+    assert not np.any(slope(remaining)[0])
     assert not np.allclose(slope(t)[0], 1.01 * difference, rtol=1e-8)
 
 
@@ -329,7 +329,7 @@ def near(root):
         ("pos(1e-300*t - 1, 1)", [(1e300, 1)]),
     ],
 )
-def test_kinks_with_their_exponents(text, expected):
+def test_kinks_are_found_with_their_exponents(text, expected):
     """Roots by hand: (t - 1/3)(2/3 - t) has two, t^2 + 1 has none, 2 - 3 t one."""
     assert find_kinks(parse_formula(text, ("t",), "here"), "t") == expected
 
@@ -349,9 +349,9 @@ def test_hidden_kinks_are_refused(text, message):
 def test_compiled_constants_have_the_shape_of_the_arguments():
     x = np.linspace(0, 1, 3)[:, None]
     y = np.linspace(0, 1, 4)
-    one, product = compile_numpy([sympy.Rational(1, 3), X * Y], (X, Y))(x, y)
-    assert one.shape == product.shape == (3, 4)
-    assert np.all(one == 1 / 3)
+    first, product = compile_numpy([sympy.Rational(1, 3), X * Y], (X, Y))(x, y)
+    assert first.shape == product.shape == (3, 4)
+    assert np.all(first == 1 / 3)
     np.testing.assert_array_equal(product, x * y)
 
 
@@ -359,9 +359,9 @@ def test_a_fraction_beyond_all_floats_is_infinite():
     """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
     huge = sympy.Rational(10**400, 3)
     large = sympy.Rational(10**300, 3)
-    found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
-    assert np.array_equal(found[0], [np.inf])
-    assert found[1] == pytest.approx([1e300 / 6])
+    values = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
+    assert np.array_equal(values[0], [np.inf])
+    assert values[1] == pytest.approx([1e300 / 6])
 
 
 @pytest.mark.parametrize(("text", "value"), [("exp(-1000)", 1), ("tanh(400) - 1", 0), ("1 - tanh(400)", 1)])
@@ -373,9 +373,9 @@ def test_numbers_that_cancel_are_told_to_the_last_digit():
     """Of pi all but the first 120 digits, by another library."""
     with mpmath.workdps(200):
         digits = mpmath.nstr(mpmath.floor(mpmath.pi * 10**120), 121).removesuffix(".0")
-        rest = float(mpmath.pi * 10**120 - mpmath.mpf(digits)) * 1e-120
+        remaining = float(mpmath.pi * 10**120 - mpmath.mpf(digits)) * 1e-120
     assert float(as_float(parse_formula(f"pi - {digits}/1{'0' * 120}", (), "here"))) == pytest.approx(
-        rest, rel=1e-14
+        remaining, rel=1e-14
     )
 
 
@@ -390,9 +390,9 @@ WRITTEN = {
 }
 
 
-@pytest.mark.parametrize(("wanted", "typed"), WRITTEN.items())
-def test_a_formula_is_written_so_that_it_could_be_typed(wanted, typed):
+@pytest.mark.parametrize(("expected", "typed"), WRITTEN.items())
+def test_a_formula_is_written_so_that_it_could_be_typed(expected, typed):
     """By hand: terms below 0 last, a rational number last of the others. It is read as the same formula."""
-    found = parse_formula(typed, "xy", "f")
-    assert str(found) == wanted
-    assert parse_formula(str(found), "xy", "f") == found
+    formula = parse_formula(typed, "xy", "f")
+    assert str(formula) == expected
+    assert parse_formula(str(formula), "xy", "f") == formula

@@ -14,7 +14,7 @@ def test_at_points_nothing_is_wider_than_rounding(name):
 
 
 @pytest.mark.parametrize(
-    ("of", "ends", "least", "largest"),
+    ("function", "ends", "minimum", "largest"),
     [
         (interval.sin, (0.0, 4.0), np.sin(4.0), 1.0),
         (interval.sin, (2.0, 4.0), np.sin(4.0), np.sin(2.0)),
@@ -39,10 +39,10 @@ def test_at_points_nothing_is_wider_than_rounding(name):
         (lambda a: interval.multiply_intervals(a, a), (1e300, 1e300), interval.MIN_OVERFLOW, np.inf),
     ],
 )
-def test_known_ranges(of, ends, least, largest):
+def test_ranges_are_the_known_ones_up_to_rounding(function, ends, minimum, largest):
     """With extrema inside or not; nothing wider than rounding."""
     with np.errstate(all="ignore"):
-        (low,), (high,) = of((np.array(ends[:1]), np.array(ends[1:])))
-    assert low <= least
+        (low,), (high,) = function((np.array(ends[:1]), np.array(ends[1:])))
+    assert low <= minimum
     assert largest <= high
-    assert (low, high) == (pytest.approx(least, rel=1e-14), pytest.approx(largest, rel=1e-14))
+    assert (low, high) == (pytest.approx(minimum, rel=1e-14), pytest.approx(largest, rel=1e-14))

@@ -21,7 +21,7 @@ def product_of(*roots):
     return coefficients
 
 
-def by_sympy(coefficients):
+def isolate_by_sympy(coefficients):
     """Isolated by sympy, and rounded from 40 digits."""
     polynomial = sympy.Poly([sympy.Rational(c) for c in coefficients], sympy.Symbol("x"))
     return sorted({float(root.evalf(40)) for root in sympy.real_roots(polynomial)})
@@ -43,11 +43,11 @@ def random_polynomials():
 def test_the_roots_are_those_that_sympy_finds():
     """To one unit in the last place. Control: of a polynomial plus 1 they are others."""
     for coefficients in random_polynomials():
-        found = real_roots(coefficients)
-        expected = by_sympy(coefficients)
-        assert len(found) == len(expected), coefficients
-        assert all(abs(a - b) <= math.ulp(b) for a, b in zip(found, expected, strict=True)), coefficients
-        assert not {*real_roots([*coefficients[:-1], coefficients[-1] + 1])} & {*found}
+        computed = real_roots(coefficients)
+        expected = isolate_by_sympy(coefficients)
+        assert len(computed) == len(expected), coefficients
+        assert all(abs(a - b) <= math.ulp(b) for a, b in zip(computed, expected, strict=True)), coefficients
+        assert not {*real_roots([*coefficients[:-1], coefficients[-1] + 1])} & {*computed}
 
 
 @pytest.mark.parametrize(
@@ -67,6 +67,6 @@ def test_the_roots_are_those_that_sympy_finds():
     ],
     ids=str,
 )
-def test_roots_by_hand(coefficients, roots):
+def test_roots_are_those_by_hand_and_multiple_ones_once(coefficients, roots):
     """Multiple ones once, those that only exact arithmetic tells apart, and those beyond all floats."""
     assert real_roots(coefficients) == pytest.approx(roots, rel=1e-15, abs=0)

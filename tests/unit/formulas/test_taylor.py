@@ -45,13 +45,13 @@ def test_the_remainder_falls_with_the_order(text):
     """By a factor of 2^(n + 1) for half of the box, less the rounding."""
     formula = parse_formula(text, ("x", "y"), "here")
     for order in (2, 4):
-        boxes = (box(order, (0.31, 0.52), size * ARMS) for size in (0.02, 0.01))
-        coarse, fine = (enclose_formula(formula, variables).rad[0] for variables in boxes)
+        coarse = enclose_formula(formula, box(order, (0.31, 0.52), 0.02 * ARMS)).rad[0]
+        fine = enclose_formula(formula, box(order, (0.31, 0.52), 0.01 * ARMS)).rad[0]
         assert fine <= 1.1 * coarse / 2 ** (order + 1) + 1e-10
 
 
 @pytest.mark.parametrize(("beta", "omega"), [(0.05, np.pi), (1.5, np.pi), (2 / 3, 1.5 * np.pi), (12.0, 0.2)])
-def test_the_harmonic_power(beta, omega):
+def test_the_harmonic_power_is_enclosed_at_and_near_the_vertex(beta, omega):
     """Against arb, on boxes along both sides of the angle, near its vertex and at it."""
     phase = 0.3
     for angle in (0.0, 0.4 * omega, omega):
@@ -78,8 +78,8 @@ def test_a_power_of_a_positive_part_holds_beyond_its_kink(k):
 
 def test_the_cube_root_of_large_numbers_is_sharp():
     """Of numbers up to 1e300, their logarithm 690: 1/3, rounded, changes it by 1e-14."""
-    at = np.logspace(200, 300, 50)
-    x = affine_model(monomial_basis(1, 4), at, np.zeros((1, 50)), (at, at))
+    position = np.logspace(200, 300, 50)
+    x = affine_model(monomial_basis(1, 4), position, np.zeros((1, 50)), (position, position))
     model = taylor_enclosures.positive_power_model(x, 1 / 3)
     assert np.all(model.rad <= 1e-11 * model.c[0])
 
@@ -97,11 +97,11 @@ def test_a_jump_has_the_value_that_is_given_or_both():
     f = parse_formula("3*pos(x - y, 0) + x", ("x", "y"), "here")
     models = box(4, (0.5, 0.5), 0.1 * np.eye(2))
     (step,) = find_functions(f, "pos")
-    both = enclose_formula(f, models, None)
-    one = enclose_formula(f, models, {step: np.array([1.0])})
+    formula = enclose_formula(f, models, None)
+    first = enclose_formula(f, models, {step: np.array([1.0])})
     unknown = enclose_formula(f, models, {step: np.array([np.nan])})
-    assert [both.range[0][0], both.range[1][0]] == pytest.approx([0.4, 3.6])
-    assert (one.c[0, 0], one.rad[0]) == (pytest.approx(3.5), pytest.approx(0, abs=1e-14))
+    assert [formula.range[0][0], formula.range[1][0]] == pytest.approx([0.4, 3.6])
+    assert (first.c[0, 0], first.rad[0]) == (pytest.approx(3.5), pytest.approx(0, abs=1e-14))
     assert [unknown.range[0][0], unknown.range[1][0]] == pytest.approx([0.4, 3.6])
 
 
@@ -116,14 +116,14 @@ def test_models_that_are_not_finite_know_it(text):
 @pytest.mark.parametrize(("d", "n", "runs"), [(1, 7, 8), (2, 4, 31), (3, 3, None)])
 def test_a_basis_knows_all_products_of_its_monomials(d, n, runs):
     """Exponents add; in one variable a run per monomial, in two one per degree of the other, but for 1."""
-    of = monomial_basis(d, n)
-    degree = of.degrees
-    exponents = of.exponents
+    basis = monomial_basis(d, n)
+    degree = basis.degrees
+    exponents = basis.exponents
     products = [
         (a, b, c)
-        for a, times in enumerate(of.product_slices)
-        for others, into in times
-        for b, c in zip(range(len(degree))[others], range(len(degree))[into], strict=True)
+        for a, times in enumerate(basis.product_slices)
+        for alternatives, into in times
+        for b, c in zip(range(len(degree))[alternatives], range(len(degree))[into], strict=True)
     ]
     assert sorted(products) == [
         (a, b, np.flatnonzero((exponents == exponents[a] + exponents[b]).all(axis=1)).item())
@@ -131,15 +131,18 @@ def test_a_basis_knows_all_products_of_its_monomials(d, n, runs):
         for b in range(len(degree))
         if degree[a] + degree[b] <= n
     ]
-    assert runs is None or sum(map(len, of.product_slices)) == runs
+    assert runs is None or sum(map(len, basis.product_slices)) == runs
 
 
 def test_models_are_joined_in_the_boxes_order():
-    of = monomial_basis(1, 2)
-    whole = range_model(of, (np.arange(5.0), np.arange(5.0)))
+    basis = monomial_basis(1, 2)
+    full_range_model = range_model(basis, (np.arange(5.0), np.arange(5.0)))
     odd = np.array([1, 3])
     even = np.array([0, 2, 4])
     np.testing.assert_array_equal(
-        join_models([(whole.select_boxes(odd), odd), (whole.select_boxes(even), even)]).c, whole.c
+        join_models(
+            [(full_range_model.select_boxes(odd), odd), (full_range_model.select_boxes(even), even)]
+        ).c,
+        full_range_model.c,
     )
-    assert number_model(whole, 1 / 3).rad.shape == (5,)
+    assert number_model(full_range_model, 1 / 3).rad.shape == (5,)

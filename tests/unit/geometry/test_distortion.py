@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import sentences
-from displaced import in_doubt
+from displaced import add_doubt
 from mpmath import mp, mpf
 from nested import coarse
 from numpy.testing import assert_allclose
@@ -43,15 +43,15 @@ def test_shifts_are_at_least_the_distances_and_hardly_more(place, push):
     side = mesh.side
     s = mesh.s[:-1]
     places = mesh.points[mesh.boundary] + push * polygon.tangents[side]
-    found = exact_mesh.boundary_node_shifts(polygon, places, side, s)
+    node_shifts = exact_mesh.boundary_node_shifts(polygon, places, side, s)
     with mp.workdps(50):
         vertices = digits(polygon.vertices)
         starts = digits([polygon.starts])[0]
         t = [(mpf(float(x)) - starts[i]) / (starts[i + 1] - starts[i]) for x, i in zip(s, side, strict=True)]
         there = vertices[side] + np.array(t)[:, None] * (np.roll(vertices, -1, axis=0) - vertices)[side]
-        off = np.array([mp.hypot(*each) for each in digits(places) - there]).astype(float)
-    assert np.all(found >= off)
-    assert np.all(found <= off + 3e-15)
+        displaced = np.array([mp.hypot(*shift) for shift in digits(places) - there]).astype(float)
+    assert np.all(node_shifts >= displaced)
+    assert np.all(node_shifts <= displaced + 3e-15)
 
 
 def test_distortions_are_at_least_those_of_displaced_triangles():
@@ -59,17 +59,17 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
     rng = np.random.default_rng(3)
     corners = rng.uniform(0, 1, (400, 3, 2)) * [1, 10.0 ** rng.uniform(-4, 0)]
     shift = 1e-6 * rng.uniform(0, 1, (400, 3))
-    moved = shift[..., None] * directions(rng.uniform(0, 2 * np.pi, (400, 3)))
+    shifted = shift[..., None] * directions(rng.uniform(0, 2 * np.pi, (400, 3)))
     edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
-    by = np.moveaxis(moved[:, 1:] - moved[:, :1], 1, 2)
-    norms = np.linalg.norm(by @ np.linalg.inv(edges), 2, axis=(1, 2))
+    factor = np.moveaxis(shifted[:, 1:] - shifted[:, :1], 1, 2)
+    norms = np.linalg.norm(factor @ np.linalg.inv(edges), 2, axis=(1, 2))
     points = corners.reshape(-1, 2)
     triangles = np.arange(1200).reshape(-1, 3)
     areas = np.abs(signed_areas(points, triangles))
     longest = longest_edges(points, triangles)
-    found = exact_mesh.distortion_bounds(shift.ravel(), triangles, longest, areas)
-    assert np.all(norms <= found)
-    assert np.max(norms / found) > 0.7
+    distortion_bounds = exact_mesh.distortion_bounds(shift.ravel(), triangles, longest, areas)
+    assert np.all(norms <= distortion_bounds)
+    assert np.max(norms / distortion_bounds) > 0.7
 
 
 def test_distortions_hold_the_rounding_of_areas():
@@ -88,17 +88,19 @@ def test_distortions_hold_the_rounding_of_areas():
     exactly = np.vectorize(Fraction, otypes=[object])
     (e, f) = exactly(b).T - exactly(a).T
     (p, q) = exactly(c).T - exactly(a).T
-    off = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
-    found = exact_mesh.distortion_bounds(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
-    assert 0.01 < np.max(off / found) <= 1
+    displaced = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
+    distortion_bounds = exact_mesh.distortion_bounds(
+        np.zeros(6000), triangles, longest_edges(points, triangles), areas
+    )
+    assert 0.01 < np.max(displaced / distortion_bounds) <= 1
 
 
 def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
     """By a part of the triangle's height, across the edge: D Phi - I is that part."""
     shift = np.array([0.0, 0.0, 2e-6])
     triangle = np.array([[0, 1, 2]])
-    found = exact_mesh.distortion_bounds(shift, triangle, np.array([2.0]), np.array([0.02]))
-    assert_allclose(found, 2e-6 / 0.02, rtol=1e-6)
+    distortion_bounds = exact_mesh.distortion_bounds(shift, triangle, np.array([2.0]), np.array([0.02]))
+    assert_allclose(distortion_bounds, 2e-6 / 0.02, rtol=1e-6)
 
 
 def test_vertices_and_straight_meshes_have_no_shift():
@@ -119,9 +121,9 @@ def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
         vertices = digits(polygon.vertices)
         starts = digits([polygon.starts])[0]
         lengths = np.array([mp.hypot(*edge) for edge in np.roll(vertices, -1, axis=0) - vertices])
-        off = np.abs((np.diff(starts) - lengths) / lengths).astype(float)
-    assert np.all(off <= polygon.stretch)
-    assert np.max(off / polygon.stretch) > 0.3
+        displaced = np.abs((np.diff(starts) - lengths) / lengths).astype(float)
+    assert np.all(displaced <= polygon.stretch)
+    assert np.max(displaced / polygon.stretch) > 0.3
 
 
 def test_sides_that_rounding_stretches_have_no_bound():
@@ -138,17 +140,19 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
     """
     rng = np.random.default_rng(6)
     polygon = Polygon(KITE - KITE.mean(axis=0))
-    mesh = in_doubt(make_unstructured_mesh(polygon, 1.0), 1e-4)
-    off = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
-    moved = replace(mesh, points=mesh.points + 1e-4 * off)
+    mesh = add_doubt(make_unstructured_mesh(polygon, 1.0), 1e-4)
+    displaced_points = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
+    shifted_mesh = replace(mesh, points=mesh.points + 1e-4 * displaced_points)
     values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
-    grown = [energy_norm(moved, v) / energy_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
+    grown = [energy_norm(shifted_mesh, v) / energy_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
     edges = np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for constants in (trace_constants, partial(value_constants, form=Form(1.0, 3.0))):
         old = np.sqrt(constants(mesh) * np.hypot(*np.diff(mesh.points[edges], axis=0)[0].T))
-        new = np.sqrt(constants(moved) * np.hypot(*np.diff(moved.points[edges], axis=0)[0].T))
+        new = np.sqrt(constants(shifted_mesh) * np.hypot(*np.diff(shifted_mesh.points[edges], axis=0)[0].T))
         grown += [*(new / old), *(old / new)]
-    grown += [*(moved.longest_edges * np.sqrt(moved.areas) / mesh.longest_edges / np.sqrt(mesh.areas))]
+    grown += [
+        *(shifted_mesh.longest_edges * np.sqrt(shifted_mesh.areas) / mesh.longest_edges / np.sqrt(mesh.areas))
+    ]
     assert 0.02 * (mesh.exact_mesh_factor - 1) < max(grown) - 1 <= mesh.exact_mesh_factor - 1
 
 

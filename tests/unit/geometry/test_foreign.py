@@ -36,34 +36,36 @@ def disc(folder, size):
     return path
 
 
-def some(kept):
+def some(retained):
     """The triangles that are kept, with the nodes they need."""
-    used, triangles = np.unique(TRIANGLES[kept], return_inverse=True)
+    used, triangles = np.unique(TRIANGLES[retained], return_inverse=True)
     return POINTS[used], triangles.reshape(-1, 3)
 
 
-def in_space():
+def lift_to_space():
     return np.column_stack([POINTS, np.zeros(len(POINTS))])
 
 
 @pytest.mark.parametrize(
-    "given",
+    "data",
     [
         (POINTS, TRIANGLES),
         (POINTS.tolist(), TRIANGLES.tolist()),
         (POINTS, TRIANGLES[:, ::-1]),
-        (in_space(), TRIANGLES.astype(float)),
+        (lift_to_space(), TRIANGLES.astype(float)),
         (MESH,),
-        (meshio.Mesh(in_space(), [("triangle", TRIANGLES)]),),
+        (meshio.Mesh(lift_to_space(), [("triangle", TRIANGLES)]),),
         (matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES),),
     ],
     ids=["arrays", "lists", "clockwise", "in space", "scikit-fem", "meshio", "matplotlib"],
 )
-def test_the_same_mesh_is_read_from_each(given):
+def test_the_same_mesh_is_read_from_each(data):
     """Nodes keep their numbers, which arrays at nodes rest on; the square has four sides."""
-    mesh = ul.mesh(*given)
+    mesh = ul.mesh(*data)
     np.testing.assert_array_equal(mesh.points, POINTS)
-    assert {frozenset(of) for of in mesh.triangles.tolist()} == {frozenset(of) for of in TRIANGLES.tolist()}
+    assert {frozenset(triangle) for triangle in mesh.triangles.tolist()} == {
+        frozenset(triangle) for triangle in TRIANGLES.tolist()
+    }
     assert mesh.areas.min() > 0
     assert mesh.polygon.n_sides == 4
 
@@ -71,27 +73,27 @@ def test_the_same_mesh_is_read_from_each(given):
 def test_masked_triangles_are_left_out():
     mask = CENTRES[:, 0] > 0
     points, triangles = some(~mask)
-    of = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES, mask=mask)
+    triangulation = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES, mask=mask)
     with sentences.raises(ul.InputError):
-        ul.mesh(of)
+        ul.mesh(triangulation)
     assert ul.mesh(points, triangles).polygon.area == pytest.approx(0.5)
 
 
 def test_masks_on_objects_of_other_programs_are_seen():
     """Their constructors drop masks; who sets the attribute afterwards keeps one. Control: without a mask."""
     masked = np.ma.masked_array(POINTS, mask=POINTS == 1)
-    of_matplotlib = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES)
-    of_meshio = meshio.Mesh(in_space(), [("triangle", TRIANGLES)])
-    assert ul.mesh(of_matplotlib).n_nodes == ul.mesh(of_meshio).n_nodes == len(POINTS)
-    of_matplotlib.x = masked[:, 0]
-    of_meshio.points = masked
-    for given, field in ((of_matplotlib, "x"), (of_meshio, "points")):
+    matplotlib_mesh = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES)
+    meshio_mesh = meshio.Mesh(lift_to_space(), [("triangle", TRIANGLES)])
+    assert ul.mesh(matplotlib_mesh).n_nodes == ul.mesh(meshio_mesh).n_nodes == len(POINTS)
+    matplotlib_mesh.x = masked[:, 0]
+    meshio_mesh.points = masked
+    for foreign_mesh, field in ((matplotlib_mesh, "x"), (meshio_mesh, "points")):
         with sentences.raises(ul.InputError, field):
-            ul.mesh(given)
+            ul.mesh(foreign_mesh)
 
 
 @pytest.mark.parametrize(
-    "given",
+    "data",
     [
         SimpleNamespace(p=None, t=None),
         SimpleNamespace(p=POINTS.T, t=[1, 2]),
@@ -99,10 +101,10 @@ def test_masks_on_objects_of_other_programs_are_seen():
     ],
     ids=["nothing", "numbers", "tuples"],
 )
-def test_what_looks_like_a_mesh_of_another_program_is_none(given):
+def test_what_looks_like_a_mesh_of_another_program_is_none(data):
     """As older versions of these programs made them. Control: the arrays in a right place."""
     with sentences.raises(ul.InputError):
-        ul.mesh(given)
+        ul.mesh(data)
     assert ul.mesh(SimpleNamespace(p=POINTS.T, t=TRIANGLES.T)).n_nodes == len(POINTS)
 
 
@@ -198,13 +200,13 @@ POLYGONS = {
 }
 
 
-@pytest.mark.parametrize("given", POLYGONS.values(), ids=POLYGONS)
-def test_a_polygon_is_given_in_any_form(given):
+@pytest.mark.parametrize("data", POLYGONS.values(), ids=POLYGONS)
+def test_a_polygon_is_given_in_any_form(data):
     """Vertex 0 is that of the polygon. Control: without one it is that of the node with the least number."""
-    mesh = ul.mesh(POINTS, TRIANGLES, polygon=given)
+    mesh = ul.mesh(POINTS, TRIANGLES, polygon=data)
     np.testing.assert_array_equal(mesh.polygon.vertices, SQUARE)
-    other = ul.mesh(POINTS, TRIANGLES, polygon=FROM_1)
-    np.testing.assert_array_equal(other.points[other.boundary[0]], FROM_1[0])
+    other_mesh = ul.mesh(POINTS, TRIANGLES, polygon=FROM_1)
+    np.testing.assert_array_equal(other_mesh.points[other_mesh.boundary[0]], FROM_1[0])
 
 
 def test_a_polygon_is_that_of_a_yaml_file(tmp_path):
@@ -214,7 +216,7 @@ def test_a_polygon_is_that_of_a_yaml_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "given",
+    "data",
     [
         3,
         "sqare",
@@ -225,9 +227,9 @@ def test_a_polygon_is_that_of_a_yaml_file(tmp_path):
         {"polygon": 3},
     ],
 )
-def test_what_is_no_polygon_is_refused(given):
+def test_what_is_no_polygon_is_refused(data):
     with sentences.raises(ul.InputError):
-        ul.mesh(POINTS, TRIANGLES, polygon=given)
+        ul.mesh(POINTS, TRIANGLES, polygon=data)
 
 
 def test_a_polygon_of_no_numbers_is_refused():
@@ -236,14 +238,14 @@ def test_a_polygon_of_no_numbers_is_refused():
 
 
 @pytest.mark.parametrize(
-    "given", [skfem.MeshTri2().refined(1), meshio.Mesh(np.zeros((6, 2)), [("triangle6", [[*range(6)]])])]
+    "data", [skfem.MeshTri2().refined(1), meshio.Mesh(np.zeros((6, 2)), [("triangle6", [[*range(6)]])])]
 )
-def test_meshes_of_second_order_are_refused_with_the_cure(given):
+def test_meshes_of_second_order_are_refused_with_the_cure(data):
     """Their edges may be curved. Control: the linear part, as the message says, is read."""
     with sentences.raises(ul.InputError):
-        ul.mesh(given)
-    of = skfem.MeshTri2().refined(1)
-    assert ul.mesh(skfem.MeshTri(of.p[:, : of.nvertices], of.t)).n_nodes == 9
+        ul.mesh(data)
+    mesh = skfem.MeshTri2().refined(1)
+    assert ul.mesh(skfem.MeshTri(mesh.p[:, : mesh.nvertices], mesh.t)).n_nodes == 9
 
 
 def test_slight_corners_are_told():

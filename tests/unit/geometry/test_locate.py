@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from nested import coarse, made
+from nested import coarse, make_mesh_levels
 
 from unilateral.geometry import locate
 from unilateral.geometry.locate import locate_in_triangles
@@ -16,7 +16,7 @@ MESHES = ["square 8", "gmsh", "flat", "one triangle", "far away"]
 def mesh_of(name):
     if name == "far away":
         return make_unstructured_mesh(Polygon(FAR + square().vertices), 0.2)
-    return made(name, "at random", 6).mesh if name == "flat" else coarse(name)
+    return make_mesh_levels(name, "at random", 6).mesh if name == "flat" else coarse(name)
 
 
 def exactly(mesh, points):
@@ -26,15 +26,15 @@ def exactly(mesh, points):
     """
     ratios = [z.as_integer_ratio() for z in np.concatenate([mesh.points, points]).ravel().tolist()]
     unit = max(bottom for _, bottom in ratios)
-    whole = np.array([top * (unit // bottom) for top, bottom in ratios], dtype=object).reshape(-1, 2)
-    corners = whole[: mesh.n_nodes][mesh.triangles]
+    full = np.array([top * (unit // bottom) for top, bottom in ratios], dtype=object).reshape(-1, 2)
+    corners = full[: mesh.n_nodes][mesh.triangles]
     edges = np.roll(corners, -1, axis=1) - corners
-    found = []
-    for point in whole[mesh.n_nodes :]:
+    containing_triangles = []
+    for point in full[mesh.n_nodes :]:
         away = point - corners
         areas = edges[..., 0] * away[..., 1] - edges[..., 1] * away[..., 0]
-        found.append(set(np.flatnonzero((areas >= 0).all(axis=1)).tolist()))
-    return found
+        containing_triangles.append(set(np.flatnonzero((areas >= 0).all(axis=1)).tolist()))
+    return containing_triangles
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -47,9 +47,9 @@ def test_points_lie_in_the_triangles_in_which_they_are_found(name, block, monkey
     low = mesh.points.min(axis=0) - 0.1
     high = mesh.points.max(axis=0) + 0.1
     points = np.concatenate([rng.uniform(low, high, (60, 2)), mesh.points[:20], [[np.nan, 0.5], [np.inf, 0]]])
-    at, triangle, weights = locate_in_triangles(mesh, points)
+    indices, triangle, weights = locate_in_triangles(mesh, points)
     places = np.einsum("pi,pid->pd", weights, mesh.points[mesh.triangles[triangle]])
-    np.testing.assert_allclose(places, points[at], rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(places, points[indices], rtol=1e-14, atol=1e-14)
     for k, expected in enumerate(exactly(mesh, points[:-2])):
-        assert set(triangle[at == k].tolist()) == expected
-    assert at.max() < len(points) - 2
+        assert set(triangle[indices == k].tolist()) == expected
+    assert indices.max() < len(points) - 2

@@ -78,14 +78,14 @@ def test_boundary_nodes_lie_at_exactly_uniform_arc_lengths(mesh):
     assert_allclose(mesh.h, (mesh.polygon.lengths / counts).max(), rtol=1e-12)
 
 
-def test_checks_accept_and_reproduce(mesh):
+def test_checks_accept_a_mesh_and_reproduce_its_boundary(mesh):
     again = from_arrays(mesh.polygon, mesh.points, mesh.triangles)
     assert_array_equal(again.boundary, mesh.boundary)
     assert_array_equal(again.s, mesh.s)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 16])
-def test_structured_sizes(n):
+def test_structured_meshes_have_the_counted_nodes_and_triangles(n):
     """By counting: (n + 1)^2 nodes in a square; three squares share 2 (n + 1) - 1 nodes in the L-shape."""
     for polygon, n_nodes, squares in (
         (square(), (n + 1) ** 2, 1),
@@ -115,7 +115,7 @@ def test_sizes_that_rounding_takes_away_are_refused_before_gmsh(place):
         make_unstructured_mesh(Polygon(4 * square().vertices + place), 1)
 
 
-def test_unstructured_size_and_shape():
+def test_unstructured_meshes_have_the_size_asked_for_and_no_small_angle():
     """Boundary edges as asked for, triangles not much larger, no angle below the wedge's own 20 degrees."""
     for polygon, h in ((find_polygon("lshape"), 0.1), (WEDGE, 0.03)):
         mesh = make_unstructured_mesh(polygon, h)
@@ -152,10 +152,10 @@ def test_what_was_checked_cannot_be_changed():
             array[0] = 0
 
 
-def square_with(points=(), triangles=None, **moved):
+def square_with(points=(), triangles=None, **options):
     """The square cut into four triangles at its centre (node 4), changed: arguments for `from_arrays`."""
     nodes = [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], *points]
-    for name, place in moved.items():
+    for name, place in options.items():
         nodes[int(name[1:])] = place
     return nodes, triangles if triangles is not None else FAN
 
@@ -193,7 +193,7 @@ FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
         square_with([[0.4, 0.1], [0.6, 0.1], [0.5, 0.2]], [*FAN, [5, 6, 7]]),
     ],
 )
-def test_refusals(arrays):
+def test_arrays_that_are_no_mesh_are_refused(arrays):
     """Control: the fan itself is accepted."""
     assert from_arrays(square(), *square_with()).n_nodes == 5
     with sentences.raises(InputError):
@@ -232,15 +232,15 @@ def test_nodes_near_their_sides_are_moved_onto_them(vertices, size, place):
     mesh = make_unstructured_mesh(polygon, polygon.lengths.max() / 5)
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
     heights = 2 * mesh.areas / np.max([np.hypot(*(p - q).T) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    least = np.array([heights[(mesh.triangles == node).any(axis=1)].min() for node in mesh.boundary])
-    off = np.random.default_rng(1).choice([-1, 1], len(least)) * least * 1e-6
+    min_heights = np.array([heights[(mesh.triangles == node).any(axis=1)].min() for node in mesh.boundary])
+    displaced = np.random.default_rng(1).choice([-1, 1], len(min_heights)) * min_heights * 1e-6
     points = mesh.points.copy()
-    points[mesh.boundary] += 0.9 * off[:, None] * polygon.normals[mesh.side]
-    own = from_arrays(polygon, points, mesh.triangles)
-    assert_allclose(own.points, mesh.points, rtol=0, atol=round_off(polygon))
-    assert_array_equal(from_arrays(polygon, own.points, own.triangles).points, own.points)
+    points[mesh.boundary] += 0.9 * displaced[:, None] * polygon.normals[mesh.side]
+    original = from_arrays(polygon, points, mesh.triangles)
+    assert_allclose(original.points, mesh.points, rtol=0, atol=round_off(polygon))
+    assert_array_equal(from_arrays(polygon, original.points, original.triangles).points, original.points)
     k = int(np.flatnonzero(~np.isin(mesh.s[:-1], polygon.starts))[0])
-    points[mesh.boundary[k]] += 1.1 * off[k] * polygon.normals[mesh.side[k]]
+    points[mesh.boundary[k]] += 1.1 * displaced[k] * polygon.normals[mesh.side[k]]
     with sentences.raises(InputError, f"boundary node {mesh.boundary[k]} ", f" off side {mesh.side[k]} of"):
         from_arrays(polygon, points, mesh.triangles)
 
@@ -274,11 +274,11 @@ def test_clockwise_triangles_are_turned(every):
     mesh = make_unstructured_mesh(SLANTED, 0.7)
     turned = mesh.triangles.copy()
     turned[::every] = turned[::every, ::-1]
-    own = from_arrays(SLANTED, mesh.points, turned)
-    assert_array_equal(own.boundary, mesh.boundary)
-    assert_array_equal(own.s, mesh.s)
-    assert np.all(own.areas > 0)
-    assert_array_equal(np.sort(own.triangles, axis=1), np.sort(mesh.triangles, axis=1))
+    original = from_arrays(SLANTED, mesh.points, turned)
+    assert_array_equal(original.boundary, mesh.boundary)
+    assert_array_equal(original.s, mesh.s)
+    assert np.all(original.areas > 0)
+    assert_array_equal(np.sort(original.triangles, axis=1), np.sort(mesh.triangles, axis=1))
     assert_allclose(find_outline(mesh.points, turned, "turned").polygon.area, SLANTED.area, rtol=1e-13)
 
 
@@ -318,10 +318,10 @@ def test_a_gmsh_that_does_not_load_is_told_with_the_line_to_type(tmp_path, monke
     monkeypatch.syspath_prepend(tmp_path)
     for module in ("gmsh", "unilateral.geometry.triangulate"):
         monkeypatch.delitem(sys.modules, module)
-    with sentences.raises(InputError) as told:
+    with sentences.raises(InputError) as error:
         make_unstructured_mesh(SLANTED, 1 / 2)
     (libraries,) = re.findall(r'^libraries="(.*)"$', (ROOT / "setup.sh").read_text(), re.MULTILINE)
-    assert str(told.value).endswith(f"apt-get install {libraries}")
+    assert str(error.value).endswith(f"apt-get install {libraries}")
 
 
 def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
@@ -330,11 +330,11 @@ def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
     half = Polygon(0.5 * U, "half")
     narrow = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0.5, 1], [0.5, 1 + 1e-12], [0, 1 + 1e-12]]), "narrow")
     polygons = u, half, SLANTED, narrow
-    assert [default_mesh_kind(each) for each in polygons] == ["structured", *3 * ["unstructured"]]
+    assert [default_mesh_kind(polygon) for polygon in polygons] == ["structured", *3 * ["unstructured"]]
     monkeypatch.setitem(sys.modules, "gmsh", None)
-    assert [default_mesh_kind(each) for each in polygons] == 2 * ["structured"] + 2 * ["unstructured"]
-    for each in (SLANTED, narrow):
+    assert [default_mesh_kind(polygon) for polygon in polygons] == 2 * ["structured"] + 2 * ["unstructured"]
+    for polygon_without_mesh in (SLANTED, narrow):
         with sentences.raises(InputError):
-            make_structured_mesh(each, 1 / 2)
+            make_structured_mesh(polygon_without_mesh, 1 / 2)
         with sentences.raises(InputError):
-            make_unstructured_mesh(each, 1 / 2)
+            make_unstructured_mesh(polygon_without_mesh, 1 / 2)

@@ -38,7 +38,7 @@ def test_files_keep_every_bit(name, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "mesh", "inp"])
-def test_formats(ending, tmp_path):
+def test_every_format_keeps_the_points(ending, tmp_path):
     mesh = make_structured_mesh(find_polygon("lshape"), 1 / 4)
     write_mesh(mesh, tmp_path / f"mesh.{ending}")
     assert_array_equal(read_mesh(tmp_path / f"mesh.{ending}", find_polygon("lshape")).points, mesh.points)
@@ -132,8 +132,8 @@ def test_files_without_a_mesh_are_refused(name, content, tmp_path, capfd):
         (tmp_path / name).write_text(content)
     with sentences.raises(InputError, name) as refused:
         read_mesh(tmp_path / name, square())
-    own = re.sub(r"\(meshio .*\)", "", str(refused.value))
-    assert not re.search("array|shape|index|identity|expected|block", own)
+    original = re.sub(r"\(meshio .*\)", "", str(refused.value))
+    assert not re.search("array|shape|index|identity|expected|block", original)
     assert "\n" not in str(refused.value)
     assert capfd.readouterr() == ("", "")
 
@@ -158,10 +158,10 @@ def test_an_unknown_format_is_not_written(tmp_path):
 def test_a_file_s_own_outline_is_a_polygon(tmp_path):
     """Of the L-shape, by its corners only; a square with a hole is refused."""
     write_mesh(make_structured_mesh(find_polygon("lshape"), 1 / 3), tmp_path / "l.vtu")
-    found = read_mesh(tmp_path / "l.vtu").polygon
-    assert found.n_sides == 6
-    assert found.area == pytest.approx(3)
+    polygon = read_mesh(tmp_path / "l.vtu").polygon
+    assert polygon.n_sides == 6
+    assert polygon.area == pytest.approx(3)
     ring = make_structured_mesh(square(), 1 / 3)
-    kept = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
+    retained = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
     with sentences.raises(InputError):
-        find_outline(ring.points, ring.triangles[kept], "ring")
+        find_outline(ring.points, ring.triangles[retained], "ring")

@@ -27,7 +27,7 @@ def table():
     return {file.strip(): read.strip() for file, read in rows}
 
 
-def by_meshio(ending, kind, **options):
+def write_by_meshio(ending, kind, **options):
     def write(folder):
         path = folder / f"square{ending}"
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
@@ -37,7 +37,7 @@ def by_meshio(ending, kind, **options):
     return write
 
 
-def by_gmsh(ending, binary=0, groups=0, version=4.1):
+def write_by_gmsh(ending, binary=0, groups=0, version=4.1):
     """The square in two halves, each of which is in so many physical groups, all in the last."""
 
     def write(folder):
@@ -61,7 +61,7 @@ def by_gmsh(ending, binary=0, groups=0, version=4.1):
     return write
 
 
-def by_hand(name, text):
+def write_by_hand(name, text):
     def write(folder):
         (folder / name).write_text(text)
         return folder / name
@@ -73,18 +73,18 @@ def lines(*numbers):
     return "".join(" ".join(map(str, line)) + "\n" for line in numbers)
 
 
-def numbered(rows, *, more=()):
-    return [[i, *row, *more] for i, row in enumerate(rows, start=1)]
+def number_rows(rows, *, extra=()):
+    return [[i, *row, *extra] for i, row in enumerate(rows, start=1)]
 
 
 MSH = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n{}$EndNodes\n$Elements\n{}\n{}$EndElements\n"
 ELEMENTS = lines(*[[i, 2, 2, 1, 1, *row] for i, row in enumerate((TRIANGLES + 1).tolist(), start=1)])
-COMMAS = MSH.format(lines(*numbered(POINTS.tolist())).replace(".", ","), 4, ELEMENTS)
+COMMAS = MSH.format(lines(*number_rows(POINTS.tolist())).replace(".", ","), 4, ELEMENTS)
 FREEFEM = lines(
     [5, 4, 4], *[[x, y, 0] for x, y, _ in POINTS], *[[*row, 0] for row in (TRIANGLES + 1).tolist()]
 )
-NODES = lines([5, 2, 0, 0], *numbered(POINTS[:, :2].tolist()))
-ELE = lines([4, 3, 0], *numbered((TRIANGLES + 1).tolist()))
+NODES = lines([5, 2, 0, 0], *number_rows(POINTS[:, :2].tolist()))
+ELE = lines([4, 3, 0], *number_rows((TRIANGLES + 1).tolist()))
 
 
 def triangle(ending):
@@ -102,41 +102,44 @@ XDMF = """<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ">
 GZ = (".gz", "")
 WRITERS = {
     "`.msh` of Gmsh 2.2 or 4.1, text or binary": [
-        by_gmsh(".msh", binary, version=version) for binary in (0, 1) for version in (2.2, 4.1)
+        write_by_gmsh(".msh", binary, version=version) for binary in (0, 1) for version in (2.2, 4.1)
     ],
-    "`.msh` of Ansys Fluent": [by_meshio(".msh", "ansys")],
-    "`.msh` of FreeFEM": [by_hand("square.msh", FREEFEM)],
-    "`.msh` with decimal commas": [by_hand("square.msh", COMMAS)],
-    "`.mesh`, `.meshb` of Medit or FreeFEM": [by_meshio(end, "medit") for end in (".mesh", ".meshb")],
-    "`.vtu`, `.vtk`": [by_meshio(".vtu", "vtu"), by_meshio(".vtk", "vtk"), by_gmsh(".vtk")],
-    "`.vtk` of Gmsh, binary, with physical groups": [by_gmsh(".vtk", binary=1, groups=1)],
-    "`.inp` of Abaqus": [by_meshio(".inp", "abaqus"), by_gmsh(".inp")],
-    "`.bdf`, `.fem`, `.nas` of Nastran": [by_meshio(end, "nastran") for end in (".bdf", ".fem", ".nas")],
-    "`.bdf` of Gmsh": [by_gmsh(".bdf")],
-    "`.e`, `.exo`, `.ex2` of Exodus": [by_meshio(end, "exodus") for end in (".e", ".exo", ".ex2")],
-    "`.su2`": [by_gmsh(".su2")],
-    "`.vol`, `.vol.gz` of Netgen": [by_meshio(f".vol{gz}", "netgen") for gz in GZ],
-    "`.xml` of DOLFIN": [by_meshio(".xml", "dolfin-xml")],
-    "`.dat`, `.tec` of Tecplot": [by_meshio(end, "tecplot") for end in (".dat", ".tec")],
+    "`.msh` of Ansys Fluent": [write_by_meshio(".msh", "ansys")],
+    "`.msh` of FreeFEM": [write_by_hand("square.msh", FREEFEM)],
+    "`.msh` with decimal commas": [write_by_hand("square.msh", COMMAS)],
+    "`.mesh`, `.meshb` of Medit or FreeFEM": [write_by_meshio(end, "medit") for end in (".mesh", ".meshb")],
+    "`.vtu`, `.vtk`": [write_by_meshio(".vtu", "vtu"), write_by_meshio(".vtk", "vtk"), write_by_gmsh(".vtk")],
+    "`.vtk` of Gmsh, binary, with physical groups": [write_by_gmsh(".vtk", binary=1, groups=1)],
+    "`.inp` of Abaqus": [write_by_meshio(".inp", "abaqus"), write_by_gmsh(".inp")],
+    "`.bdf`, `.fem`, `.nas` of Nastran": [
+        write_by_meshio(end, "nastran") for end in (".bdf", ".fem", ".nas")
+    ],
+    "`.bdf` of Gmsh": [write_by_gmsh(".bdf")],
+    "`.e`, `.exo`, `.ex2` of Exodus": [write_by_meshio(end, "exodus") for end in (".e", ".exo", ".ex2")],
+    "`.su2`": [write_by_gmsh(".su2")],
+    "`.vol`, `.vol.gz` of Netgen": [write_by_meshio(f".vol{gz}", "netgen") for gz in GZ],
+    "`.xml` of DOLFIN": [write_by_meshio(".xml", "dolfin-xml")],
+    "`.dat`, `.tec` of Tecplot": [write_by_meshio(end, "tecplot") for end in (".dat", ".tec")],
     "`.avs`, `.mdpa`, `.obj`, `.off`, `.ply`, `.stl`": [
-        by_meshio(".avs", "avsucd"),
-        *(by_meshio(f".{kind}", kind) for kind in ("mdpa", "obj", "off", "ply", "stl")),
+        write_by_meshio(".avs", "avsucd"),
+        *(write_by_meshio(f".{kind}", kind) for kind in ("mdpa", "obj", "off", "ply", "stl")),
     ],
     "`.dato`, `.dato.gz`, `.post`, `.post.gz` of Permas": [
-        by_meshio(f".{end}{gz}", "permas") for end in ("dato", "post") for gz in GZ
+        write_by_meshio(f".{end}{gz}", "permas") for end in ("dato", "post") for gz in GZ
     ],
     "`.xdmf`, `.xmf`, `.h5m`, `.hmf`, `.med`": [
-        by_meshio(end, end[1:].replace("xmf", "xdmf")) for end in (".xdmf", ".xmf", ".h5m", ".hmf", ".med")
+        write_by_meshio(end, end[1:].replace("xmf", "xdmf"))
+        for end in (".xdmf", ".xmf", ".h5m", ".hmf", ".med")
     ],
     "`.node`, `.ele` of Triangle or TetGen": [triangle(".node"), triangle(".ele")],
     "`.cgns`, `.svg`, `.ugrid`, `.wkt`": [
-        by_hand("square.cgns", "CGNS"),
-        *(by_meshio(f".{kind}", kind) for kind in ("svg", "ugrid", "wkt")),
+        write_by_hand("square.cgns", "CGNS"),
+        *(write_by_meshio(f".{kind}", kind) for kind in ("svg", "ugrid", "wkt")),
     ],
-    "`.unv` and any other ending": [by_gmsh(".unv"), by_hand("square.nothing", "mesh")],
+    "`.unv` and any other ending": [write_by_gmsh(".unv"), write_by_hand("square.nothing", "mesh")],
 }
 FILES = [
-    pytest.param(row, write, id=f"{row} {i}") for row, of in WRITERS.items() for i, write in enumerate(of)
+    pytest.param(row, write, id=f"{row} {i}") for row, item in WRITERS.items() for i, write in enumerate(item)
 ]
 
 
@@ -146,13 +149,13 @@ def test_the_table_has_the_rows_that_are_tried():
 
 @pytest.mark.parametrize(("row", "write"), FILES)
 def test_what_the_table_says_of_a_format_is_true(row, write, tmp_path):
-    said = table()[row]
-    if said.startswith("if h5py") and not find_spec("h5py"):
+    message = table()[row]
+    if message.startswith("if h5py") and not find_spec("h5py"):
         with pytest.raises(ModuleNotFoundError, match="h5py"):  # for writing; see the next test
             write(tmp_path)
         return
     path = write(tmp_path)
-    if said == "no":
+    if message == "no":
         with pytest.raises(ul.InputError, match=re.escape(str(path))) as refused:
             ul.mesh(path)
         assert "\n" not in str(refused.value)
@@ -187,21 +190,23 @@ def test_what_is_wrong_with_a_file_is_told(name, text, tmp_path):
         ul.mesh(tmp_path / name)
 
 
-@pytest.mark.parametrize(("kind", "part"), [("off", 0.05), ("mdpa", 0.2), ("ply", 0.15), ("tecplot", 0.65)])
-def test_a_reader_that_does_not_end_is_given_up(kind, part, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("kind", "component"), [("off", 0.05), ("mdpa", 0.2), ("ply", 0.15), ("tecplot", 0.65)]
+)
+def test_a_reader_that_does_not_end_is_given_up(kind, component, tmp_path, monkeypatch):
     """These readers of meshio wait for a line that a cut file has not. Control: the whole file is read."""
     monkeypatch.setattr(files, "READER_SECONDS", 0.2)
-    path = by_meshio(".dat" if kind == "tecplot" else f".{kind}", kind)(tmp_path)
+    path = write_by_meshio(".dat" if kind == "tecplot" else f".{kind}", kind)(tmp_path)
     content = path.read_bytes()
     assert ul.mesh(path).n_nodes == 5
-    path.write_bytes(content[: int(part * len(content))])
+    path.write_bytes(content[: int(component * len(content))])
     with sentences.raises(ul.InputError):
         ul.mesh(path)
 
 
 def test_a_triangle_in_two_physical_groups_is_read_once(tmp_path):
     """Control: it is twice in the file."""
-    path = by_gmsh(".msh", groups=2, version=2.2)(tmp_path)
+    path = write_by_gmsh(".msh", groups=2, version=2.2)(tmp_path)
     stored = meshio.read(path)
     listed = np.concatenate([block.data for block in stored.cells if block.type == "triangle"])
     mesh = ul.mesh(path)

@@ -24,7 +24,7 @@ SLIGHTEST = np.radians(0.1)
 SHARPEST = np.radians(179)
 
 
-def circumscribed(turns):
+def circumscribe_polygon(turns):
     """The vertices (n, 2) of the polygon about the unit circle that turns by `turns` (n,), in all by 2 pi."""
     normals = np.cumsum(turns) - turns[0]
     middle = normals + 0.5 * np.roll(turns, -1)
@@ -39,13 +39,13 @@ def random_turns(draw):
     if draw.random() < 0.2:
         slight = np.append(slight, draw.uniform(0.9, 1) * SHARPEST)
     while True:
-        others = draw.dirichlet(np.ones(n)) * (2 * np.pi - slight.sum())
-        turns = draw.permutation(np.append(slight, others))
+        sharp_turns = draw.dirichlet(np.ones(n)) * (2 * np.pi - slight.sum())
+        turns = draw.permutation(np.append(slight, sharp_turns))
         if turns.min() >= SLIGHTEST and turns.max() <= SHARPEST:
             return turns
 
 
-def dented(vertices, draw):
+def dent_polygon(vertices, draw):
     """The same with the middle of one side moved towards the circle's centre."""
     side = int(draw.integers(len(vertices)))
     a = vertices[side]
@@ -79,8 +79,8 @@ def written(points, how, draw):
 def sample(seed):
     """A true polygon's number of sides, a mesh of it with rounded coordinates, and what was done to it."""
     draw = np.random.default_rng(seed)
-    vertices = circumscribed(random_turns(draw))
-    vertices = dented(vertices, draw) if draw.random() < 0.3 else vertices
+    vertices = circumscribe_polygon(random_turns(draw))
+    vertices = dent_polygon(vertices, draw) if draw.random() < 0.3 else vertices
     points, triangles = fan(vertices, draw)
     angle = draw.uniform(0, 2 * np.pi)
     size = 10.0 ** draw.uniform(-3, 3)
@@ -94,18 +94,18 @@ def sample(seed):
 def outcome(n_sides, points, triangles):
     """What became of the mesh: "read", "asked for the polygon", "spoilt", or how many sides were found."""
     try:
-        found = ul.mesh(points, triangles).polygon.n_sides
+        n_sides_read = ul.mesh(points, triangles).polygon.n_sides
     except ul.InputError as error:
         # A rounding as large as edges lets nodes coincide and triangles overlap.
         return "asked" if POLYGON_ADVICE in str(error) else f"spoilt {error}"
-    return "read" if found == n_sides else f"{found} sides for {n_sides}"
+    return "read" if n_sides_read == n_sides else f"{n_sides_read} sides for {n_sides}"
 
 
 MESHES = range(300)
 KNOWN = ("read", "asked", "spoilt")
 
 
-def counted(seeds):
+def count_outcomes(seeds):
     """How often each outcome came; the spoilt ones are of meshes whose nodes coincide."""
     return Counter(outcome(*sample(seed)[:3]).split()[0] for seed in seeds)
 
@@ -120,15 +120,15 @@ def test_corners_of_rounded_meshes_are_found_or_asked_for():
     coordinates are rounded so far that nodes coincide or triangles overlap, that is told.
     """
     outcomes = {seed: outcome(*sample(seed)[:3]) for seed in MESHES}
-    wrong = {seed: what for seed, what in outcomes.items() if what.split()[0] not in KNOWN}
+    wrong = {seed: outcome for seed, outcome in outcomes.items() if outcome.split()[0] not in KNOWN}
     assert wrong == {}
     read = [seed for seed in MESHES if outcomes[seed] == "read"]
     assert len(read) > 0.6 * len(MESHES)
     sharp = [seed for seed in MESHES if edges_over_rounding(sample(seed)[1][:-1]) > 1e5]
     assert len(sharp) > 100
     assert len({*sharp} & {*read}) >= 0.9 * len(sharp)
-    spoilt = [what for what in outcomes.values() if what.startswith("spoilt")]
-    assert [what for what in spoilt if not re.search(SPOILT, what)] == []
+    spoilt = [outcome for outcome in outcomes.values() if outcome.startswith("spoilt")]
+    assert [subject for subject in spoilt if not re.search(SPOILT, subject)] == []
 
 
 def edges_over_rounding(places):
@@ -137,13 +137,13 @@ def edges_over_rounding(places):
     return edges.min() / coordinate_rounding.max_point_error(places)
 
 
-def test_the_property_fails_without_the_digits(monkeypatch):
+def test_without_the_digits_turns_by_rounding_are_corners(monkeypatch):
     """Control: if all coordinates are taken for full doubles, turns by rounding are corners."""
     monkeypatch.setattr(coordinate_rounding, "rounding_units", lambda values: np.zeros(np.shape(values)))
     monkeypatch.setattr(
         outline, "_find_rounding_patterns", lambda turns, smallest: np.zeros(len(turns), dtype=bool)
     )
-    assert any(what.isdecimal() for what in counted(MESHES[:40]))
+    assert any(subject.isdecimal() for subject in count_outcomes(MESHES[:40]))
 
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
@@ -151,7 +151,7 @@ TURN = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
 TURNED = SQUARE @ TURN
 
 
-def cut(vertices, n):
+def cut_sides(vertices, n):
     """The places along a polygon whose sides are cut into n edges."""
     sides = np.roll(vertices, -1, axis=0) - vertices
     return (vertices[:, None] + np.arange(n)[:, None] / n * sides[:, None]).reshape(-1, 2)
@@ -163,30 +163,30 @@ def around(places, centre=(0, 0)):
     return np.append(places, [centre], axis=0), np.column_stack([k, np.roll(k, -1), np.full(len(k), len(k))])
 
 
-def shortened(points, digits):
+def shorten_numbers(points, digits):
     return np.array([[float(f"{x:.{digits}g}") for x in point] for point in points])
 
 
 @pytest.fixture(scope="module")
-def turned():
+def turned_mesh():
     """A mesh by gmsh of the unit square turned by 0.3, of size 1/16."""
     return make_unstructured_mesh(Polygon(TURNED, "turned"), 1 / 16)
 
 
 @pytest.fixture(scope="module")
-def exact_force(turned):
+def exact_force(turned_mesh):
     """The force on side 0 of that mesh in full precision."""
-    return force(turned)
+    return force(turned_mesh)
 
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
-def test_the_sides_of_a_turned_square_keep_their_numbers(digits, turned, exact_force):
+def test_the_sides_of_a_turned_square_keep_their_numbers(digits, turned_mesh, exact_force):
     """The force is the one in full precision, 0.762, as few digits move nodes by 5e-6 at most.
 
     Side 0 is in contact, the others are free, and not three short edges of the first side.
     """
     with pytest.warns(ul.SolutionWarning, match="the polygon has 4 sides; the turns of its boundary at"):
-        mesh = ul.mesh(shortened(turned.points, digits), turned.triangles)
+        mesh = ul.mesh(shorten_numbers(turned_mesh.points, digits), turned_mesh.triangles)
     assert "4 sides" in repr(mesh)
     assert force(mesh) == pytest.approx(exact_force, abs=1e-4)
     assert exact_force == pytest.approx(0.762, abs=1e-3)
@@ -198,16 +198,16 @@ def force(mesh):
     return s.force().value
 
 
-def test_a_square_in_full_precision_is_read_without_a_word(turned):
+def test_a_square_in_full_precision_is_read_without_a_word(turned_mesh):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert ul.mesh(turned.points, turned.triangles).polygon.n_sides == 4
+        assert ul.mesh(turned_mesh.points, turned_mesh.triangles).polygon.n_sides == 4
 
 
-def test_nodes_are_moved_onto_the_sides_between_the_corners_as_given(turned):
+def test_nodes_are_moved_onto_the_sides_between_the_corners_as_given(turned_mesh):
     """The polygon has the coordinates of the file, and every boundary node lies on it up to round-off."""
-    points = shortened(turned.points, 6)
-    mesh = ul.mesh(points, turned.triangles)
+    points = shorten_numbers(turned_mesh.points, 6)
+    mesh = ul.mesh(points, turned_mesh.triangles)
     assert {*map(tuple, mesh.polygon.vertices)} <= {*map(tuple, points)}
     away = np.sum(
         (mesh.points[mesh.boundary] - mesh.polygon.vertices[mesh.side]) * mesh.polygon.normals[mesh.side],
@@ -226,21 +226,21 @@ def test_a_parcel_at_coordinates_in_metres_has_four_sides(size, decimals):
 
 
 @pytest.mark.parametrize("decimals", [3, 4])
-def test_what_is_not_clear_is_asked_for_and_read_with_the_polygon(decimals, turned):
+def test_what_is_not_clear_is_asked_for_and_read_with_the_polygon(decimals, turned_mesh):
     """On edges of 1/16 so few decimals may turn the boundary by 0.1 degrees."""
-    points = np.round(turned.points, decimals)
+    points = np.round(turned_mesh.points, decimals)
     with sentences.raises(ul.InputError, POLYGON_ADVICE):
-        ul.mesh(points, turned.triangles)
-    mesh = ul.mesh(points, turned.triangles, polygon=TURNED)
+        ul.mesh(points, turned_mesh.triangles)
+    mesh = ul.mesh(points, turned_mesh.triangles, polygon=TURNED)
     np.testing.assert_array_equal(mesh.polygon.vertices, TURNED)
-    np.testing.assert_allclose(mesh.points, turned.points, rtol=0, atol=2 * 10.0**-decimals)
+    np.testing.assert_allclose(mesh.points, turned_mesh.points, rtol=0, atol=2 * 10.0**-decimals)
 
 
-def test_a_polygon_that_the_mesh_does_not_have_is_refused(turned):
+def test_a_polygon_that_the_mesh_does_not_have_is_refused(turned_mesh):
     """Control: nodes are moved by what rounding explains, and no farther."""
-    points = np.round(turned.points, 4)
+    points = np.round(turned_mesh.points, 4)
     with sentences.raises(ul.InputError):
-        ul.mesh(points, turned.triangles, polygon=TURNED * 1.001)
+        ul.mesh(points, turned_mesh.triangles, polygon=TURNED * 1.001)
 
 
 @pytest.mark.parametrize(("digits", "clear"), [(5, False), (6, False), (12, True), (17, True)])
@@ -249,12 +249,12 @@ def test_an_arc_of_turns_as_small_as_rounding_does_not_become_a_side(digits, cle
     angle = np.radians(1) * np.linspace(1, -1, 201)
     top = np.column_stack([np.sin(angle), np.cos(angle) - np.cos(angle[0])]) / np.sin(angle[0])
     places = np.concatenate([[[-1, -1], [1, -1]], top]) @ TURN
-    given = around(shortened(places, digits))
+    points_and_triangles = around(shorten_numbers(places, digits))
     if clear:
-        assert ul.mesh(*given).polygon.n_sides == 203
+        assert ul.mesh(*points_and_triangles).polygon.n_sides == 203
     else:
         with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
-            ul.mesh(*given)
+            ul.mesh(*points_and_triangles)
 
 
 def test_a_corner_that_rounding_may_hide_is_asked_for(monkeypatch):
@@ -287,14 +287,14 @@ def test_turns_as_small_as_rounding_that_add_up_are_refused():
 @pytest.mark.parametrize("n", [8, 16, 64])
 def test_rounding_that_the_coordinates_do_not_show_is_noticed(change, digits, n):
     """A square that is rounded first and then turned or scaled has 17 digits again."""
-    places = change(shortened(cut(TURNED, n), digits))
+    places = change(shorten_numbers(cut_sides(TURNED, n), digits))
     with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
         ul.mesh(*around(places, change(np.array([[0.5, 0.5]]) @ TURN)[0]))
 
 
 @pytest.mark.parametrize("digits", [6, 8, 10])
 def test_a_rounded_mesh_that_was_moved_is_still_seen_to_be_rounded(digits):
-    places = shortened(cut(TURNED, 16) + 5, digits) - 5
+    places = shorten_numbers(cut_sides(TURNED, 16) + 5, digits) - 5
     assert ul.mesh(*around(places, np.array([0.5, 0.5]) @ TURN)).polygon.n_sides == 4
 
 
@@ -302,10 +302,12 @@ def test_coordinates_as_a_person_types_them_are_exact():
     """All turns are corners, however coarse a rounding to as many digits is; slight ones are not clear."""
     places = [(0, 0), (3, 0), (4, 1), (4, 3), (1, 3), (0, 1)]
     assert ul.mesh(*around(np.array(places), (2, 1.5))).polygon.n_sides == 6
-    triangle = cut(np.array([[0, 0], [1, 0], [0, 1]]), 10)  # its long side is off by 2e-8 in single precision
+    triangle = cut_sides(
+        np.array([[0, 0], [1, 0], [0, 1]]), 10
+    )  # its long side is off by 2e-8 in single precision
     with pytest.warns(ul.SolutionWarning, match="the polygon has 3 sides"):
         assert ul.mesh(*around(triangle.astype(np.float32), (0.3, 0.3))).polygon.n_sides == 3
-    hexagon = np.round(cut(circumscribed(np.full(6, np.pi / 3)), 3), 3)
+    hexagon = np.round(cut_sides(circumscribe_polygon(np.full(6, np.pi / 3)), 3), 3)
     with pytest.raises(ul.InputError, match=re.escape(POLYGON_ADVICE)):
         ul.mesh(*around(hexagon))
 
@@ -313,7 +315,7 @@ def test_coordinates_as_a_person_types_them_are_exact():
 @pytest.mark.parametrize("decimals", [4, 6])
 def test_sides_along_the_axes_are_straight_in_any_number_of_digits(decimals):
     """Thirds, of which nodes between the corners keep one coordinate exactly."""
-    assert ul.mesh(*around(np.round(cut(SQUARE, 96), decimals), (0.5, 0.5))).polygon.n_sides == 4
+    assert ul.mesh(*around(np.round(cut_sides(SQUARE, 96), decimals), (0.5, 0.5))).polygon.n_sides == 4
 
 
 # To how many digits numbers were rounded: known, because they are rounded here.
@@ -321,40 +323,44 @@ NUMBERS = np.random.default_rng(3).uniform(-1, 1, (40, 2)) * [3.0, 500.0]
 
 
 @pytest.mark.parametrize("digits", [4, 7, 11, 15])
-def test_the_digits_of_significant_digits(digits):
-    found = shortened(NUMBERS, digits)
-    assert coordinate_rounding.significant_digits(found) == digits
-    exponents = np.floor(np.log10(np.abs(found)))
+def test_the_unit_of_numbers_in_significant_digits_is_that_of_their_last_digit(digits):
+    shortened = shorten_numbers(NUMBERS, digits)
+    assert coordinate_rounding.significant_digits(shortened) == digits
+    exponents = np.floor(np.log10(np.abs(shortened)))
     np.testing.assert_allclose(
-        coordinate_rounding.rounding_units(found), 10.0 ** (exponents - digits + 1), rtol=1e-12
+        coordinate_rounding.rounding_units(shortened), 10.0 ** (exponents - digits + 1), rtol=1e-12
     )
-    off = np.abs(found - NUMBERS) - np.spacing(np.abs(found))
-    assert np.all(off <= 0.5 * coordinate_rounding.rounding_units(found))
+    displaced = np.abs(shortened - NUMBERS) - np.spacing(np.abs(shortened))
+    assert np.all(displaced <= 0.5 * coordinate_rounding.rounding_units(shortened))
 
 
 @pytest.mark.parametrize("offset", [0, 5e6])
 @pytest.mark.parametrize("decimals", [2, 5, 8])
-def test_the_digits_of_decimals(decimals, offset):
+def test_the_unit_of_decimals_is_that_of_their_last_place(decimals, offset):
     """Also where an offset was subtracted, which leaves round-off behind the last digit."""
-    found = np.round(NUMBERS + offset, decimals) - offset
+    decimals_behind_offset = np.round(NUMBERS + offset, decimals) - offset
     if offset and decimals == 8:  # as many digits as a double has at that offset
         decimals = 17
     np.testing.assert_allclose(
-        coordinate_rounding.rounding_units(found), 10.0**-decimals if decimals < 17 else 0, rtol=1e-12
+        coordinate_rounding.rounding_units(decimals_behind_offset),
+        10.0**-decimals if decimals < 17 else 0,
+        rtol=1e-12,
     )
 
 
-def test_the_digits_of_single_precision():
-    found = NUMBERS.astype(np.float32)
-    np.testing.assert_array_equal(coordinate_rounding.rounding_units(found), np.spacing(np.abs(found)))
+def test_the_unit_of_single_precision_is_its_spacing():
+    numbers = NUMBERS.astype(np.float32)
+    np.testing.assert_array_equal(coordinate_rounding.rounding_units(numbers), np.spacing(np.abs(numbers)))
 
 
-def test_the_digits_of_single_precision_in_nine_digits():
-    found = shortened(NUMBERS.astype(np.float32), 9)
-    assert np.all(coordinate_rounding.rounding_units(found) >= np.spacing(np.abs(found).astype(np.float32)))
+def test_the_unit_of_single_precision_in_nine_digits_is_at_least_its_spacing():
+    shortened = shorten_numbers(NUMBERS.astype(np.float32), 9)
+    assert np.all(
+        coordinate_rounding.rounding_units(shortened) >= np.spacing(np.abs(shortened).astype(np.float32))
+    )
 
 
-def test_the_digits_of_doubles():
+def test_doubles_have_no_unit_of_rounding():
     assert not coordinate_rounding.rounding_units(NUMBERS).any()
     assert coordinate_rounding.significant_digits([0.0]) == 0
 
@@ -362,15 +368,15 @@ def test_the_digits_of_doubles():
 def test_no_rounding_turns_a_boundary_by_more_than_is_said():
     """Nodes are moved to the ends of their radii; the worst moves of a straight line reach nine tenths."""
     draw = np.random.default_rng(5)
-    places = cut(circumscribed(np.full(5, 0.4 * np.pi)), 4)
+    places = cut_sides(circumscribe_polygon(np.full(5, 0.4 * np.pi)), 4)
     radii = draw.uniform(0.2, 1, len(places)) * 1e-3
-    most = outline.largest_turns(places, radii)
+    max_largest_turns = outline.largest_turns(places, radii)
     before = turns_of(places)
     worst = np.zeros(len(places))
     for _ in range(2000):
         angle = draw.uniform(0, 2 * np.pi, len(places))
-        moved = places + radii[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        worst = np.maximum(worst, np.abs(turns_of(moved) - before) / most)
+        shifted = places + radii[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        worst = np.maximum(worst, np.abs(turns_of(shifted) - before) / max_largest_turns)
     assert 0.9 < worst.max() <= 1
 
 
@@ -385,7 +391,7 @@ def turns_of(places):
 def test_rounded_places_are_within_their_radii(digits):
     """And some are farther than two thirds of them."""
     places = np.random.default_rng(6).uniform(1, 9, (200, 2))
-    away = np.hypot(*(shortened(places, digits) - places).T) / coordinate_rounding.rounding_errors_of_points(
-        shortened(places, digits)
-    )
+    away = np.hypot(
+        *(shorten_numbers(places, digits) - places).T
+    ) / coordinate_rounding.rounding_errors_of_points(shorten_numbers(places, digits))
     assert 0.67 < away.max() <= 1 + 1e-6

@@ -51,7 +51,7 @@ def test_dyadic_points_are_exact(k):
     assert_array_equal(make_uniform_partition(square(), 2.0**-k).points, np.arange(4 * 2**k + 1) / 2**k)
 
 
-def test_uniform_by_hand():
+def test_uniform_cells_are_those_by_hand():
     partition = make_uniform_partition(Polygon(np.array([[0, 0], [3, 0], [3, 4]])), 2)
     assert_allclose(partition.lengths, [1.5, 1.5, 2, 2, 5 / 3, 5 / 3, 5 / 3], rtol=1e-14)
     assert_array_equal(partition.side, [0, 0, 1, 1, 2, 2, 2])
@@ -59,7 +59,7 @@ def test_uniform_by_hand():
     assert_allclose((partition.H, partition.H_over_Hi_max), (2, 4 / 3), rtol=1e-14)
 
 
-def test_shifted_by_hand():
+def test_shifted_cells_are_those_by_hand():
     partition = make_shifted_partition(square(), 0.5, 0.25)
     one_side = np.array([0, 0.625])
     assert_array_equal(partition.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4))
@@ -82,8 +82,10 @@ def test_refining_halves_every_cell():
 
 def test_vertices_known_up_to_round_off_are_snapped():
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
-    off = 1e-13 * polygon.perimeter
-    partition = from_points(polygon, [off, 0.5, 1 + off, 1 + np.sqrt(2) - off, polygon.perimeter + off])
+    displaced = 1e-13 * polygon.perimeter
+    partition = from_points(
+        polygon, [displaced, 0.5, 1 + displaced, 1 + np.sqrt(2) - displaced, polygon.perimeter + displaced]
+    )
     assert_array_equal(np.delete(partition.points, 1), polygon.starts)
 
 
@@ -103,12 +105,12 @@ def test_vertices_known_up_to_round_off_are_snapped():
         [0, 1, 2, 3, np.inf],
     ],
 )
-def test_refusals(points):
+def test_points_that_are_no_partition_are_refused(points):
     with sentences.raises(InputError):
         from_points(square(), points)
 
 
-def test_the_class_checks_by_itself():
+def test_the_class_refuses_vertices_that_are_not_exact():
     """No snapping there: the vertices have to be exact."""
     with sentences.raises(InputError):
         Partition(square(), np.array([0, 1 + 1e-13, 2, 3, 4]))
@@ -120,7 +122,7 @@ def test_shifts_are_fractions(fraction):
         make_shifted_partition(square(), 0.5, fraction)
 
 
-def test_balanced_cells_by_hand():
+def test_balanced_cells_are_at_most_twice_as_long_as_their_neighbours():
     """Beside a side of 1/8 the cells of the unit sides are 1/4, 1/4, 1/2 long, from both of its ends."""
     polygon = Polygon([(0, 0), (1, 0), (1, 1 / 8), (0, 1 / 8)], "strip")
     cells = balance_cells(make_uniform_partition(polygon, 1))
@@ -134,14 +136,14 @@ def test_balanced_cells_by_hand():
     assert balance_cells(alike) is alike
 
 
-def test_the_common_refinement_by_hand():
+def test_the_common_refinement_has_the_points_of_all_partitions():
     """Halves and thirds of a side; a point that is another up to round-off adds none."""
     near = from_points(square(), [0, np.nextafter(0.5, 1), 1, 1.5, 2, 2.5, 3, 3.5, 4])
-    found = common_refinement(
+    refinement = common_refinement(
         [make_uniform_partition(square(), 1 / 3), make_uniform_partition(square(), 1 / 2), near]
     )
     one_side = np.array([0, 1 / 3, 1 / 2, 2 / 3])
-    assert_allclose(found.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
+    assert_allclose(refinement.points, np.append((np.arange(4)[:, None] + one_side).ravel(), 4), rtol=1e-14)
     assert common_refinement([near]).n_cells == 8
 
 
@@ -149,17 +151,17 @@ def test_the_common_refinement_by_hand():
 def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
     """A thousand times the rounding of arc lengths, a few 1e-16 of the perimeter a sum; cells are longer."""
     halves = make_uniform_partition(square(), 1 / 2)
-    off = share * 1e-12 * square().perimeter
-    moved = Partition(square(), halves.points + off * (np.arange(9) == 1))
-    assert common_refinement([halves, moved]).n_cells == (8 if same else 9)
-    assert moved.has_inside(np.array([0.5])).any() == (not same)
-    at_a_vertex = [0, 1 + off, 2, 3, 4]
+    displaced = share * 1e-12 * square().perimeter
+    shifted_partition = Partition(square(), halves.points + displaced * (np.arange(9) == 1))
+    assert common_refinement([halves, shifted_partition]).n_cells == (8 if same else 9)
+    assert shifted_partition.has_inside(np.array([0.5])).any() == (not same)
+    at_a_vertex = [0, 1 + displaced, 2, 3, 4]
     if same:
-        assert_array_equal(halves.cells_of(moved.points), np.arange(8))
+        assert_array_equal(halves.cells_of(shifted_partition.points), np.arange(8))
         assert_array_equal(from_points(square(), at_a_vertex).points, np.arange(5))
         return
     with sentences.raises(InputError):
-        halves.cells_of(moved.points)
+        halves.cells_of(shifted_partition.points)
     with sentences.raises(InputError):
         from_points(square(), at_a_vertex)
 
@@ -167,7 +169,7 @@ def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
 @pytest.mark.parametrize(
     "coarse", [make_uniform_partition(square(), 1 / 2), make_uniform_partition(square(), 1 / 3)]
 )
-def test_the_cells_that_contain_those_of_a_refinement(coarse):
+def test_each_cell_of_a_refinement_lies_in_the_cell_found(coarse):
     """By the middles of the finer cells, which lie inside one cell each."""
     fine = common_refinement(
         [make_uniform_partition(square(), 1 / 3), make_uniform_partition(square(), 1 / 2)]

@@ -15,7 +15,7 @@ ROUND_OFF = 1e-14
 """A few operations on numbers of size one."""
 
 
-def test_square_by_hand():
+def test_the_square_has_the_quantities_by_hand():
     polygon = square()
     assert polygon.n_sides == 4
     assert_array_equal(polygon.starts, [0, 1, 2, 3, 4])
@@ -28,7 +28,7 @@ def test_square_by_hand():
     assert_array_equal(points, [[0.25, 0], [1, 0.25], [0.75, 1], [0, 0.75]])
 
 
-def test_lshape_by_hand():
+def test_the_lshape_has_the_quantities_by_hand():
     polygon = find_polygon("lshape")
     assert_array_equal(polygon.lengths, [1, 1, 1, 1, 2, 2])
     assert (polygon.area, polygon.perimeter) == (3, 8)
@@ -58,7 +58,9 @@ def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch)
     """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
     compared = []
     compare = plane._meets_later_sides
-    monkeypatch.setattr(plane, "_meets_later_sides", lambda *given: compared.append(given) or compare(*given))
+    monkeypatch.setattr(
+        plane, "_meets_later_sides", lambda *arguments: compared.append(arguments) or compare(*arguments)
+    )
     with sentences.raises(InputError):
         Polygon(regular(1001))
     assert compared == []
@@ -105,7 +107,7 @@ def test_counts_ignore_round_off():
     assert all(square().counts(1 / n)[0] == n for n in sizes)
 
 
-def test_counts_and_divisions_by_hand():
+def test_counts_are_the_least_ones_and_divisions_are_even():
     """The counts are the least ones."""
     polygon = Polygon(np.array([[0, 0], [3, 0], [3, 4]]))
     assert_array_equal(polygon.counts(2.0), [2, 2, 3])
@@ -115,7 +117,7 @@ def test_counts_and_divisions_by_hand():
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf, 1e-300, 1e-10])
-def test_sizes_that_are_refused(size):
+def test_sizes_out_of_range_are_refused(size):
     with sentences.raises(InputError):
         square().counts(size)
     assert square().counts(1e-6).tolist() == [10**6] * 4
@@ -132,7 +134,7 @@ def test_nothing_changes_a_polygon_that_all_cases_share(name):
     assert_array_equal(getattr(Polygon(find_polygon("square").vertices), name), shared)
 
 
-def test_named():
+def test_named_polygons_have_their_declared_angles_and_lengths():
     assert {"square", "lshape"} <= set(polygon_names())
     assert [find_polygon(name).name for name in polygon_names()] == polygon_names()
     exact = [7 / 20, 9 / 10, 3 / 4, 7 / 20, 9 / 10, 3 / 4]
@@ -160,7 +162,7 @@ def test_named():
         *([[0, 0], [x, 0], *square().vertices[1:]] for x in (1e-300, 1e-20, 4e-16)),
     ],
 )
-def test_refusals(vertices):
+def test_vertices_that_are_no_polygon_are_refused(vertices):
     """In one sentence: NumPy's warnings would be errors here.
 
     The ends of a side that is lost beside the perimeter have the same arc length, or its square is 0.
@@ -169,7 +171,7 @@ def test_refusals(vertices):
         Polygon(vertices, "far")
 
 
-def test_what_is_just_not_refused():
+def test_polygons_at_the_limits_are_accepted():
     assert Polygon([[0, 0], [1e-14, 0], *square().vertices[1:]]).n_sides == 5
     for size in (1e-75, 1e75):
         assert_allclose(Polygon(size * square().vertices).area, size**2, rtol=ROUND_OFF)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from nested import alone, coarse, made
+from nested import coarse, forget_refinement, make_mesh_levels
 
 from unilateral.geometry import structured as squares
 from unilateral.geometry.mesh import from_arrays, make_unstructured_mesh, refine_triangles, refine_uniformly
@@ -22,14 +22,14 @@ ALL = [(name, way) for name in NAMES for way in WAYS]
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name, way):
     """`from_arrays` checks conformity and areas, sorts all edges, and finds the boundary by their places."""
-    first, *_, mesh = made(name, way).meshes
+    first, *_, mesh = make_mesh_levels(name, way).meshes
     checked = from_arrays(mesh.polygon, mesh.points, mesh.triangles)
     np.testing.assert_array_equal(checked.boundary, mesh.boundary)
     np.testing.assert_allclose(checked.s, mesh.s, rtol=0, atol=1e-14)
     np.testing.assert_array_equal(mesh.points[: first.n_nodes], first.points)
     assert way != "at a node" or np.ptp(np.log2(np.diff(mesh.s))) > 3
     assert mesh.coarse is first
-    assert len(mesh.steps) == len(made(name, way).meshes) - 1
+    assert len(mesh.steps) == len(make_mesh_levels(name, way).meshes) - 1
     assert mesh.is_adapted == (way != "uniform")
     assert mesh.halvings == (3 if way == "uniform" else 0)
 
@@ -37,57 +37,71 @@ def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name, way)
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_children_have_the_edges_that_sorting_finds(name, way):
     """And the triangles at them, and those along the boundary."""
-    for mesh in made(name, way).meshes[1:]:
-        of = mesh.triangulation
+    for mesh in make_mesh_levels(name, way).meshes[1:]:
+        triangulation = mesh.triangulation
         expected = build_triangulation(mesh.points, mesh.triangles, mesh.boundary)
-        assert of.n_nodes == mesh.n_nodes
-        np.testing.assert_array_equal(of.nodes, mesh.triangles)
-        by = np.lexsort(np.sort(of.ends, axis=1).T[::-1])
+        assert triangulation.n_nodes == mesh.n_nodes
+        np.testing.assert_array_equal(triangulation.nodes, mesh.triangles)
+        factor = np.lexsort(np.sort(triangulation.ends, axis=1).T[::-1])
         place = np.lexsort(np.sort(expected.ends, axis=1).T[::-1])
         for array in ("ends", "edge_triangles"):
-            both = (np.sort(getattr(each, array)[at], axis=1) for each, at in ((of, by), (expected, place)))
-            np.testing.assert_array_equal(*both)
-        number = np.empty(len(by), dtype=int)
-        number[place] = by
-        turns = [(of.nodes == np.roll(expected.nodes, turn, axis=1)).all(axis=1) for turn in range(3)]
+            pair = (
+                np.sort(getattr(hierarchy_mesh, array)[index], axis=1)
+                for hierarchy_mesh, index in ((triangulation, factor), (expected, place))
+            )
+            np.testing.assert_array_equal(*pair)
+        number = np.empty(len(factor), dtype=int)
+        number[place] = factor
+        turns = [
+            (triangulation.nodes == np.roll(expected.nodes, turn, axis=1)).all(axis=1) for turn in range(3)
+        ]
         assert np.all(np.logical_or.reduce(turns))
-        for turn, here in enumerate(turns):
+        for turn, position in enumerate(turns):
             edges = np.roll(number[expected.edges], turn, axis=1)
-            np.testing.assert_array_equal(of.edges[here], edges[here])
-        np.testing.assert_array_equal(of.boundary_edges, number[expected.boundary_edges])
-        check_sides(of)
+            np.testing.assert_array_equal(triangulation.edges[position], edges[position])
+        np.testing.assert_array_equal(triangulation.boundary_edges, number[expected.boundary_edges])
+        check_sides(triangulation)
 
 
-def check_sides(of):
+def check_sides(mesh):
     """The first triangle at an edge has it from its first end to its second; one at the boundary has none."""
-    start, end = of.ends.T
+    start, end = mesh.ends.T
     for column, (a, b) in enumerate(((start, end), (end, start))):
-        there = np.flatnonzero(of.edge_triangles[:, column] >= 0)
-        nodes = of.nodes[of.edge_triangles[there, column]]
-        edges = of.edges[of.edge_triangles[there, column]]
+        there = np.flatnonzero(mesh.edge_triangles[:, column] >= 0)
+        nodes = mesh.nodes[mesh.edge_triangles[there, column]]
+        edges = mesh.edges[mesh.edge_triangles[there, column]]
         corner = np.argmax(edges == there[:, None], axis=1)
         rows = np.arange(len(there))
         np.testing.assert_array_equal(edges[rows, corner], there)
         np.testing.assert_array_equal(nodes[rows, (corner + 1) % 3], a[there])
         np.testing.assert_array_equal(nodes[rows, (corner + 2) % 3], b[there])
-    np.testing.assert_array_equal((of.edge_triangles >= 0).sum(axis=1), np.bincount(of.edges.ravel()))
-    with_one_triangle = np.flatnonzero((of.edge_triangles < 0).any(axis=1))
-    np.testing.assert_array_equal(np.sort(of.boundary_edges), with_one_triangle)
+    np.testing.assert_array_equal((mesh.edge_triangles >= 0).sum(axis=1), np.bincount(mesh.edges.ravel()))
+    with_one_triangle = np.flatnonzero((mesh.edge_triangles < 0).any(axis=1))
+    np.testing.assert_array_equal(np.sort(mesh.boundary_edges), with_one_triangle)
 
 
 def test_a_mesh_in_another_order_has_other_edges():
     """Control: the comparison sees a wrong number."""
-    of = made("slanted", "at random").mesh.triangulation
-    wrong = of.edges.copy()
+    triangulation = make_mesh_levels("slanted", "at random").mesh.triangulation
+    wrong = triangulation.edges.copy()
     wrong[[0, 1]] = wrong[[1, 0]]
     with pytest.raises(AssertionError):
-        check_sides(type(of)(of.n_nodes, of.nodes, wrong, of.ends, of.edge_triangles, of.boundary_edges))
+        check_sides(
+            type(triangulation)(
+                triangulation.n_nodes,
+                triangulation.nodes,
+                wrong,
+                triangulation.ends,
+                triangulation.edge_triangles,
+                triangulation.boundary_edges,
+            )
+        )
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nodes_triangles_and_edges_that_stay_keep_their_numbers(name):
     """So does the first child its parent's, and the first half of an edge the edge's, from its first end."""
-    for before, after in pairwise(made(name, "at random").meshes):
+    for before, after in pairwise(make_mesh_levels(name, "at random").meshes):
         old = before.triangulation
         new = after.triangulation
         (*_, step) = after.steps
@@ -119,7 +133,7 @@ def test_nodes_triangles_and_edges_that_stay_keep_their_numbers(name):
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_children_fill_their_parents(name, way):
     """Two, three or four of them; their areas add up, and are halves and quarters."""
-    for before, after in pairwise(made(name, way).meshes):
+    for before, after in pairwise(make_mesh_levels(name, way).meshes):
         step = after.steps[-1]
         count = np.bincount(step.parent, minlength=len(before.areas))
         assert set(np.unique(count)) <= {0, 2, 3, 4}
@@ -135,16 +149,18 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
     Control: with another corner first it is not so. As one of two shapes, turned by 45 degrees to each other,
     a triangle has at most four times the squared longest edge over area of the first one.
     """
-    first, *_, mesh = made(name, way).meshes
+    first, *_, mesh = make_mesh_levels(name, way).meshes
     root = np.arange(len(first.triangles))
     for step in mesh.steps:
         root = step.inherit(root)
     frame = first.points[first.triangles[root]]
     edges = np.moveaxis(frame[:, 1:] - frame[:, :1], 1, 2)
-    at = np.linalg.solve(edges[:, None], (mesh.points[mesh.triangles] - frame[:, :1])[..., None])[..., 0]
+    solution = np.linalg.solve(edges[:, None], (mesh.points[mesh.triangles] - frame[:, :1])[..., None])[
+        ..., 0
+    ]
     fine = 2.0**20
-    near = np.rint(at * fine) / fine
-    assert np.abs(at - near).max() < 1e-9
+    near = np.rint(solution * fine) / fine
+    assert np.abs(solution - near).max() < 1e-9
     a, b, c = np.moveaxis(near, 1, 0)
     u = b - a
     v = c - a
@@ -153,8 +169,8 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
     assert np.all(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0)
     assert np.all(np.sum((a - b) * (c - b), axis=1) != 0)
     direction = np.sign(u).astype(int)
-    for of in np.unique(root):
-        assert len(np.unique(direction[root == of], axis=0)) <= 8
+    for value in np.unique(root):
+        assert len(np.unique(direction[root == value], axis=0)) <= 8
     before = first.longest_edges**2 / first.areas
     after = mesh.longest_edges**2 / mesh.areas
     assert np.all(after <= 4 * (1 + 1e-9) * before[root])
@@ -163,7 +179,7 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
 @pytest.mark.parametrize("name", NAMES)
 def test_a_uniform_step_gives_four_similar_children(name):
     """Their edges are half of the parent's, in order, and minus half those of the middle child."""
-    for before, after in pairwise(made(name, "uniform").meshes):
+    for before, after in pairwise(make_mesh_levels(name, "uniform").meshes):
         step = after.steps[-1]
         T = len(before.triangles)
         assert step.refined_triangulation is after.triangulation
@@ -171,10 +187,10 @@ def test_a_uniform_step_gives_four_similar_children(name):
         np.testing.assert_array_equal(step.parent, np.tile(np.arange(T), 4))
         parents = before.points[before.triangles[step.parent]]
         children = after.points[step.nodes]
-        of_parents = np.roll(parents, -1, axis=1) - parents
-        of_children = np.roll(children, -1, axis=1) - children
+        parent_edges = np.roll(parents, -1, axis=1) - parents
+        child_edges = np.roll(children, -1, axis=1) - children
         sign = np.repeat([1, 1, 1, -1], T)[:, None, None]
-        np.testing.assert_allclose(of_children, 0.5 * sign * of_parents, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(child_edges, 0.5 * sign * parent_edges, rtol=0, atol=1e-14)
 
 
 def test_all_triangles_chosen_one_by_one_are_a_uniform_step():
@@ -210,7 +226,7 @@ def edges_of(mesh, step):
 @pytest.mark.parametrize("way", WAYS)
 def test_a_step_s_size_is_that_of_what_is_new(way):
     """However large the mesh is: at a node the same numbers of triangles in every step."""
-    for before, after in pairwise(made("lshape 3", way).meshes):
+    for before, after in pairwise(make_mesh_levels("lshape 3", way).meshes):
         step = after.steps[-1]
         new = len(after.triangles) - len(before.triangles)
         assert len(step.ends) == after.n_nodes - before.n_nodes
@@ -224,7 +240,7 @@ def test_a_step_s_size_is_that_of_what_is_new(way):
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_values_of_triangles_are_put_in_and_inherited(name, way):
     """Numbers of rows and of triangles: areas, and the first triangle that contains each one."""
-    first, *finer = made(name, way).meshes
+    first, *finer = make_mesh_levels(name, way).meshes
     areas = first.areas
     root = np.arange(len(first.areas))
     middle = first.points[first.triangles].mean(axis=1)
@@ -252,12 +268,12 @@ def test_reference_edges_are_longest_ones_in_the_beginning(name):
 @pytest.mark.parametrize(("n", "coarsest"), [(1, 1), (6, 3), (7, 7), (8, 4), (20, 5), (24, 3)])
 def test_halved_squares_are_finer_squares(n, coarsest):
     halved = make_structured_mesh(find_polygon("lshape"), 1 / n)
-    at_once = at_once_of(1 / n)
+    at_once = make_at_once(1 / n)
     assert len((halved.coarse or halved).triangles) == 6 * coarsest**2
     np.testing.assert_allclose(*(sorted_corners(mesh) for mesh in (halved, at_once)), rtol=0, atol=1e-15)
 
 
-def at_once_of(h):
+def make_at_once(h):
     """The mesh that is not made by halving."""
     lshape = find_polygon("lshape")
     return squares._mesh_rectangles(lshape, squares._make_tensor_grid(lshape, h))
@@ -293,7 +309,7 @@ def test_corners_of_squares_are_turned_until_all_are_alike():
 
 
 def test_only_uniform_refinement_leaves_all_alike():
-    mesh = alone(make_structured_mesh(find_polygon("lshape"), 1 / 3))
+    mesh = forget_refinement(make_structured_mesh(find_polygon("lshape"), 1 / 3))
     assert mesh.triangulation.all_alike
     assert refine_uniformly(mesh, 2).triangulation.all_alike
     assert not refine_triangles(mesh, np.array([0])).triangulation.all_alike
@@ -303,7 +319,7 @@ def test_only_uniform_refinement_leaves_all_alike():
 @pytest.mark.parametrize("way", ["uniform", "at random"])
 def test_copies_and_pickles_are_refined_in_the_same_way(name, way):
     """All arrays and steps are the same, and so are those of a mesh that is refined from them."""
-    mesh = made(name, way).meshes[-1]
+    mesh = make_mesh_levels(name, way).meshes[-1]
     for again in (copy.deepcopy(mesh), pickle.loads(pickle.dumps(mesh))):
         assert len(again.steps) == len(mesh.steps) > 0
         assert (again.is_adapted, again.halvings, again.coarse.n_nodes) == (
@@ -311,11 +327,11 @@ def test_copies_and_pickles_are_refined_in_the_same_way(name, way):
             mesh.halvings,
             mesh.coarse.n_nodes,
         )
-        for of in ("points", "triangles", "boundary", "s", "opposite_edges"):
-            np.testing.assert_array_equal(getattr(again, of), getattr(mesh, of))
-        for one, other in zip(again.steps, mesh.steps, strict=True):
-            np.testing.assert_array_equal(one.nodes, other.nodes)
-            np.testing.assert_array_equal(one.triangles, other.triangles)
+        for field in ("points", "triangles", "boundary", "s", "opposite_edges"):
+            np.testing.assert_array_equal(getattr(again, field), getattr(mesh, field))
+        for step, other_step in zip(again.steps, mesh.steps, strict=True):
+            np.testing.assert_array_equal(step.nodes, other_step.nodes)
+            np.testing.assert_array_equal(step.triangles, other_step.triangles)
         np.testing.assert_array_equal(again.triangulation.edge_triangles, mesh.triangulation.edge_triangles)
         finer = refine_triangles(again, np.array([0]))
         expected = refine_triangles(mesh, np.array([0]))

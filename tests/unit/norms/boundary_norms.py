@@ -7,7 +7,7 @@ from math import pi, sqrt
 
 import numpy as np
 import skfem
-from conftest import coupled
+from conftest import couple_structured_mesh
 from scipy.sparse.linalg import splu
 from skfem.models.poisson import laplace, mass, unit_load
 
@@ -38,7 +38,7 @@ RECTANGLE = Polygon(np.array([[0, 0], [1.7, 0], [1.7, 1], [0, 1]]), "rectangle")
 EQUAL_POINTS = {
     "square": lambda: make_structured_mesh(square(), 1 / 8),
     "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 4),
-    "gmsh lshape": lambda: with_nodes(find_polygon("lshape"), [3, 4, 5, 3, 8, 7]),
+    "gmsh lshape": lambda: mesh_with_nodes(find_polygon("lshape"), [3, 4, 5, 3, 8, 7]),
     "gmsh rectangle": lambda: meshes.make_unstructured_mesh(RECTANGLE, 0.15),
 }
 """Meshes with an even number of boundary edges, which are the cells, too."""
@@ -48,16 +48,16 @@ ROUNDING = 1e-9  # of energies that are differences of larger ones
 
 @dataclass(frozen=True)
 class Flux:
-    """What the norm asks of a case: lambda = sin 5s on every side, and |s - at|^alpha added on side 0."""
+    """What the norm asks of a case: lambda = sin 5s, and |s - position|^alpha added on side 0."""
 
     polygon: Polygon
-    at: float
+    position: float
     alpha: Fraction
     clamped_sides = ()
     c = 1.0
 
     def singular_points(self):
-        return [SingularPoint(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
+        return [SingularPoint(0, self.position / self.polygon.lengths[0], self.alpha.denominator)]
 
     flux_singular_points = singular_points
 
@@ -70,7 +70,7 @@ class Flux:
 
     def trace_flux_and_gap(self, side, s, near=None):
         with np.errstate(divide="ignore"):
-            power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
+            power = np.where(side == 0, np.abs(s - self.position) ** float(self.alpha), 0)
         return 0 * s, np.sin(5 * s) + power, 0 * s
 
 
@@ -83,11 +83,11 @@ def alternating(cells):
     return np.where(np.arange(cells.n_cells) % 2, -1.0, 1.0)
 
 
-def brackets(found, below, above, gap):
+def brackets(computed, below, above, gap):
     """Whether the bounds bracket what lies between `below` and `above`, themselves within `gap`."""
-    not_above = found.lower <= above * (1 + ROUNDING)
-    not_below = below <= found.upper * (1 + ROUNDING)
-    return np.all(not_above & not_below & (found.upper <= (1 + gap) * found.lower))
+    not_above = computed.lower <= above * (1 + ROUNDING)
+    not_below = below <= computed.upper * (1 + ROUNDING)
+    return np.all(not_above & not_below & (computed.upper <= (1 + gap) * computed.lower))
 
 
 def one_on_a_square(L):
@@ -99,12 +99,12 @@ def one_on_a_square(L):
     return np.sqrt(4 * a * (L * np.cosh(L / 2) + 2 * np.sinh(L / 2)))
 
 
-def within_half_a_percent(found):
+def agree_to_half_percent(computed):
     """Whether bounds are in order, and as close as they are to be for P0 functions."""
-    return np.all((found.lower <= found.upper) & (found.upper <= 1.005 * found.lower))
+    return np.all((computed.lower <= computed.upper) & (computed.upper <= 1.005 * computed.lower))
 
 
-def of_series(a, variation):
+def bound_by_series(a, variation):
     """Bounds of ||mu||_{-1/2}, mu = sum a_k c_k on one side of the square, from the first a_k.
 
     ||mu||^2 = sum a_k^2 coth(q_k) / q_k, q_k^2 = 1 + (k pi)^2; |a_k| <= 2^{1/2} V / (k pi), V the variation.
@@ -121,8 +121,8 @@ def p0_coefficients(points, mu, n):
     return np.concatenate([[np.diff(points) @ mu], sqrt(2) * np.diff(ends, axis=1) @ mu])
 
 
-def of_p0_on_bottom(points, mu):
-    return of_series(p0_coefficients(points, mu, 20000), np.abs(np.diff(mu)).sum())
+def bound_p0_on_bottom(points, mu):
+    return bound_by_series(p0_coefficients(points, mu, 20000), np.abs(np.diff(mu)).sum())
 
 
 def p2_gram(cells, n):
@@ -136,8 +136,8 @@ def p2_gram(cells, n):
     basis = skfem.Basis(mesh, P2)
     boundary = mesh.boundary_facets()
     cell = cell_at(cells, mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T)
-    of_cells = [skfem.FacetBasis(mesh, P2, facets=boundary[cell == i]) for i in range(cells.n_cells)]
-    loads = np.stack([unit_load.assemble(of_cell) for of_cell in of_cells])
+    cell_bases = [skfem.FacetBasis(mesh, P2, facets=boundary[cell == i]) for i in range(cells.n_cells)]
+    loads = np.stack([unit_load.assemble(cell) for cell in cell_bases])
     A = laplace.assemble(basis) + mass.assemble(basis)
     return loads @ splu(A.tocsc()).solve(loads.T)
 
@@ -147,12 +147,12 @@ def cell_at(cells, points):
     polygon = cells.polygon
     offset = points[:, None] - polygon.vertices
     s = np.sum(offset * polygon.tangents, axis=2)
-    off = np.abs(np.sum(offset * polygon.normals, axis=2))
-    side = np.where((s >= 0) & (s <= polygon.lengths), off, np.inf).argmin(axis=1)
+    displaced = np.abs(np.sum(offset * polygon.normals, axis=2))
+    side = np.where((s >= 0) & (s <= polygon.lengths), displaced, np.inf).argmin(axis=1)
     return np.searchsorted(cells.points, polygon.starts[side] + s[np.arange(len(s)), side]) - 1
 
 
-def with_nodes(polygon, counts):
+def mesh_with_nodes(polygon, counts):
     """The mesh with so many equal boundary edges on the sides."""
     return meshes.triangulate_from_boundary(polygon, polygon.divided(np.array(counts))[:-1])
 
@@ -177,6 +177,6 @@ def uniform(polygon, m):
     return partitions.make_uniform_partition(find_polygon(polygon), 1 / m)
 
 
-def on(polygon, n, m):
+def make_operator_and_gram(polygon, n, m):
     """The dual operator and the Gram matrices for structured h = 1/n and H = 1/m."""
-    return coupled(polygon, n, m).operator, gram(uniform(polygon, m))
+    return couple_structured_mesh(polygon, n, m).operator, gram(uniform(polygon, m))

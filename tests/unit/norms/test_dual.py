@@ -11,10 +11,10 @@ from boundary_norms import (
     POLYGONS,
     Flux,
     alternating,
+    bound_by_series,
+    bound_p0_on_bottom,
     brackets,
     norm_on,
-    of_p0_on_bottom,
-    of_series,
     one_on_a_square,
     p0_coefficients,
     p2_gram,
@@ -56,23 +56,23 @@ def cosine_coefficients(alpha):
     return np.concatenate([[weighted.sum()], sqrt(2) * np.concatenate(waves)])
 
 
-def of_projection_error(m, alpha):
+def bound_projection_error(m, alpha):
     """||lambda - Pi_H lambda||_{-1/2} for CASE: means by Euler's beta, and the cosine series."""
     points = np.arange(m + 1) / m
     p = (1 + alpha) / 2
     inside = np.clip((points - 1 / 3) / R, 0, 1)
     means = m * np.diff(R ** (1 + alpha) / 2 * beta(p, 5) * betainc(p, 5, inside**2))
     coefficients = cosine_coefficients(alpha) - p0_coefficients(points, means, COSINES)
-    return of_series(coefficients, 4 * R**alpha)  # the means vary no more than lambda
+    return bound_by_series(coefficients, 4 * R**alpha)  # the means vary no more than lambda
 
 
 @pytest.mark.parametrize("m", [2, 3, 8, 12])
-def test_the_norm_of_1_on_the_square(m):
+def test_the_norm_of_1_on_the_square_lies_in_its_bracket(m):
     """The maximiser is smooth; 1e-5 is asked for."""
-    found = norm_on("square", m).bound_p0(np.ones((1, 4 * m)))
-    assert found.lower <= ONE_ON_THE_SQUARE * (1 + 1e-12)
-    assert found.upper >= ONE_ON_THE_SQUARE * (1 - 1e-12)
-    assert_allclose(found, ONE_ON_THE_SQUARE, rtol=1e-5)
+    bracket = norm_on("square", m).bound_p0(np.ones((1, 4 * m)))
+    assert bracket.lower <= ONE_ON_THE_SQUARE * (1 + 1e-12)
+    assert bracket.upper >= ONE_ON_THE_SQUARE * (1 - 1e-12)
+    assert_allclose(bracket, ONE_ON_THE_SQUARE, rtol=1e-5)
 
 
 def test_the_weighted_l2_norm_is_not_this_norm():
@@ -84,24 +84,24 @@ def test_the_weighted_l2_norm_is_not_this_norm():
 
 @pytest.mark.parametrize("m", [4, 12])
 @pytest.mark.parametrize("name", ["alternating", "one cell", "random"])
-def test_p0_data_on_one_side_against_the_cosine_series(m, name):
+def test_the_norm_of_p0_data_on_one_side_is_that_by_the_cosine_series(m, name):
     mu = {
         "alternating": (-1.0) ** np.arange(m),
         "one cell": (np.arange(m) == 1).astype(float),
         "random": np.random.default_rng(1).standard_normal(m),
     }[name]
-    found = norm_on("square", m).bound_p0(np.concatenate([mu, np.zeros(3 * m)])[None])
-    assert brackets(found, *of_p0_on_bottom(np.arange(m + 1) / m, mu), gap=0.005)
+    bracket = norm_on("square", m).bound_p0(np.concatenate([mu, np.zeros(3 * m)])[None])
+    assert brackets(bracket, *bound_p0_on_bottom(np.arange(m + 1) / m, mu), gap=0.005)
 
 
 @pytest.mark.parametrize("alpha", ["1/2", "1/20"])
 @pytest.mark.parametrize("m", [4, 8, 16])
-def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_path):
+def test_the_error_of_a_singular_lambda_is_that_by_its_cosine_series(m, alpha, tmp_path):
     (tmp_path / "atom.yaml").write_text(CASE.format(alpha=alpha))
     case = cases.load_solution(tmp_path / "atom.yaml", square())
     cells = partitions.make_uniform_partition(square(), 1 / m)
-    found = build_dual_norm(cells, [case]).bound_error(case, cell_means(case, cells).lambda_means[None])
-    assert brackets(found, *of_projection_error(m, float(Fraction(alpha))), gap=0.05)
+    error = build_dual_norm(cells, [case]).bound_error(case, cell_means(case, cells).lambda_means[None])
+    assert brackets(error, *bound_projection_error(m, float(Fraction(alpha))), gap=0.05)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_
     ],
     ids=["square", "shifted", "lshape"],
 )
-def test_alternating_and_random_data_against_uniform_p2(cells, n):
+def test_norms_of_alternating_and_random_data_are_those_by_uniform_p2(cells, n):
     """The uniform meshes have at least 8 edges to a cell of length H; they resolve the norm to 1 %."""
     mu = np.stack([alternating(cells), np.random.default_rng(2).standard_normal(cells.n_cells)])
     below = np.sqrt(np.einsum("ki,ij,kj->k", mu, p2_gram(cells, n), mu))
@@ -121,7 +121,7 @@ def test_alternating_and_random_data_against_uniform_p2(cells, n):
 
 
 @pytest.mark.parametrize("name", POLYGONS)
-def test_angles_of_all_sizes_against_finer_spaces(name):
+def test_brackets_overlap_those_of_finer_spaces_at_angles_of_all_sizes(name):
     """Bounds of one number overlap; three times the edges leave at most a third of the limit, 0.5 %."""
     cells = partitions.make_uniform_partition(POLYGONS[name], 1 / 3)
     mu = np.stack([alternating(cells), *np.random.default_rng(3).standard_normal((3, cells.n_cells))])
@@ -137,10 +137,10 @@ def norms_at_a_point(request):
 
     The meshes do not depend on the power of the singularity there.
     """
-    name, at = request.param
+    name, position = request.param
     cells = partitions.make_uniform_partition(POLYGONS[name], 1 / 3)
-    case = Flux(POLYGONS[name], at, Fraction(1, 2))
-    return at, *(build_dual_norm(cells, [case], edges) for edges in (8, 24))
+    case = Flux(POLYGONS[name], position, Fraction(1, 2))
+    return position, *(build_dual_norm(cells, [case], edges) for edges in (8, 24))
 
 
 @pytest.mark.parametrize(
@@ -151,11 +151,11 @@ def norms_at_a_point(request):
     ids=[*POLYGONS, "a vertex"],
 )
 @pytest.mark.parametrize("alpha", [Fraction(1, 2), Fraction(1, 20), Fraction(-1, 4)])
-def test_singular_points_and_a_vertex_against_finer_spaces(norms_at_a_point, alpha):
+def test_brackets_overlap_those_of_finer_spaces_at_singular_points_and_a_vertex(norms_at_a_point, alpha):
     """As above, with the limit for errors, 5 %."""
-    at, coarse_norm, fine_norm = norms_at_a_point
+    position, coarse_norm, fine_norm = norms_at_a_point
     cells = coarse_norm.partition
-    case = Flux(cells.polygon, at, alpha)
+    case = Flux(cells.polygon, position, alpha)
     means = cell_means(case, cells).lambda_means[None]
     coarse = coarse_norm.bound_error(case, means)
     fine = fine_norm.bound_error(case, means)
@@ -166,10 +166,10 @@ def test_singular_points_and_a_vertex_against_finer_spaces(norms_at_a_point, alp
 def test_the_norm_is_homogeneous_and_takes_many_at_once():
     mu = np.random.default_rng(0).standard_normal((3, 16))
     norm = norm_on("square", 4)
-    found = norm.bound_p0(mu)
-    assert found.lower.shape == found.upper.shape == (3,)
-    assert_allclose(norm.bound_p0(-2.5 * mu), 2.5 * np.array(found), rtol=1e-12)
-    assert_allclose([np.ravel(norm.bound_p0(each[None])) for each in mu], np.transpose(found), rtol=1e-12)
+    bracket = norm.bound_p0(mu)
+    assert bracket.lower.shape == bracket.upper.shape == (3,)
+    assert_allclose(norm.bound_p0(-2.5 * mu), 2.5 * np.array(bracket), rtol=1e-12)
+    assert_allclose([np.ravel(norm.bound_p0(row[None])) for row in mu], np.transpose(bracket), rtol=1e-12)
     assert_allclose(norm.bound_p0(np.zeros((1, 16))), 0)
 
 
@@ -178,8 +178,8 @@ def test_the_mesh_is_graded_to_a_re_entrant_vertex(name, vertex):
     """Eight halvings at both edges there, none at the other vertices, whose cells are about as long."""
     mesh = norm_on(name, 4).spaces.mesh
     edges = np.diff(mesh.s)
-    at = np.searchsorted(mesh.s, mesh.polygon.starts[:-1])
-    longer = np.maximum(edges[at], edges[at - 1])
+    index = np.searchsorted(mesh.s, mesh.polygon.starts[:-1])
+    longer = np.maximum(edges[index], edges[index - 1])
     assert longer[vertex] < np.delete(longer, vertex).min() / 2**7
 
 
@@ -189,39 +189,41 @@ def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
         norm = build_dual_norm(cells, [case])
-        on = cell_means(case, cells)
-        for found in (
-            norm.bound_error(case, on.lambda_means[None]),
+        means = cell_means(case, cells)
+        for bracket in (
+            norm.bound_error(case, means.lambda_means[None]),
             norm.gram([case]).error_bounds(0, np.zeros((1, 16))),
         ):
-            assert found.lower[0] > 0
-            assert np.isfinite(found.upper[0]) == in_L2
+            assert bracket.lower[0] > 0
+            assert np.isfinite(bracket.upper[0]) == in_L2
         assert (
-            np.isfinite([on.lambda_norm, on.projection_error, on.l2_error(0 * on.lambda_means)]).all()
+            np.isfinite(
+                [means.lambda_norm, means.projection_error, means.l2_error(0 * means.lambda_means)]
+            ).all()
             == in_L2
         )
 
 
 @cache
-def with_gram(name, m):
+def build_norm_and_gram(name, m):
     """A norm, its cases and their Gram matrices."""
     polygon = POLYGONS[name]
-    of = [Flux(polygon, 0.4, Fraction(1, 2)), load("thirds", polygon.name)]
-    norm = build_dual_norm(partitions.make_uniform_partition(polygon, 1 / m), of)
-    return norm, of, norm.gram(of)
+    fluxes = [Flux(polygon, 0.4, Fraction(1, 2)), load("thirds", polygon.name)]
+    norm = build_dual_norm(partitions.make_uniform_partition(polygon, 1 / m), fluxes)
+    return norm, fluxes, norm.gram(fluxes)
 
 
 @pytest.mark.parametrize(("m", "rounding"), [(4, 1e-9), (2, 1e-8)])
 @pytest.mark.parametrize("name", ["square", "lshape"])
 def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name, m, rounding):
     """Also on a coarser partition, whose P0 lies in the finer P0: on the same reference mesh."""
-    norm, of, gram = with_gram(name, 4)
+    norm, functionals, gram = build_norm_and_gram(name, 4)
     cells = partitions.make_uniform_partition(POLYGONS[name], 1 / m)
     gram = gram if m == 4 else gram.coarsen(cells)
     mu = np.random.default_rng(5).standard_normal((3, cells.n_cells))
-    found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
-    assert_allclose(found, norm.bound_p0(mu, cells), rtol=1e-9)
-    for c, case in enumerate(of):
+    computed = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
+    assert_allclose(computed, norm.bound_p0(mu, cells), rtol=1e-9)
+    for c, case in enumerate(functionals):
         means = cell_means(case, cells).lambda_means
         assert_allclose(gram.means[c], means, rtol=0, atol=1e-12)
         for scale in (1.0, 1e-3, 0.0):
@@ -230,30 +232,34 @@ def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name, m, rounding
 
 
 def test_the_forms_of_a_partition_are_its_own():
-    norm, _, gram = with_gram("square", 4)
-    for found, given in zip(vars(gram.coarsen(norm.partition)).values(), vars(gram).values(), strict=True):
-        assert_allclose(found, given, rtol=1e-12, atol=1e-15)
+    norm, _, gram = build_norm_and_gram("square", 4)
+    for coarse_form, form in zip(
+        vars(gram.coarsen(norm.partition)).values(), vars(gram).values(), strict=True
+    ):
+        assert_allclose(coarse_form, form, rtol=1e-12, atol=1e-15)
 
 
 def test_a_partition_that_is_not_nested_has_no_forms_here():
     with sentences.raises(InputError):
-        with_gram("square", 4)[2].coarsen(partitions.make_uniform_partition(POLYGONS["square"], 1 / 3))
+        build_norm_and_gram("square", 4)[2].coarsen(
+            partitions.make_uniform_partition(POLYGONS["square"], 1 / 3)
+        )
 
 
 @pytest.mark.parametrize("name", ["square", "lshape"])
 def test_the_bounds_are_ordered_as_forms(name):
-    gram = with_gram(name, 4)[2]
+    gram = build_norm_and_gram(name, 4)[2]
     for form in (gram.lower, gram.upper - gram.lower):
         assert np.linalg.eigvalsh(form)[0] >= -1e-12 * np.linalg.norm(gram.upper, 2)
 
 
-def test_the_best_approximation_against_direct_evaluations():
+def test_the_best_approximation_follows_from_direct_evaluations():
     """Their square is quadratic in mu_H; its least value follows from those at 21 places."""
-    norm, of, gram = with_gram("square", 1)
+    norm, functionals, gram = build_norm_and_gram("square", 1)
     n = norm.partition.n_cells
-    one = np.eye(n)
-    places = np.vstack([np.zeros(n), one, (one[:, None] + one).reshape(-1, n)])
-    for c, case in enumerate(of):
+    first_value = np.eye(n)
+    places = np.vstack([np.zeros(n), first_value, (first_value[:, None] + first_value).reshape(-1, n)])
+    for c, case in enumerate(functionals):
         means = cell_means(case, norm.partition).lambda_means
         squares = norm.bound_error(case, means + places).lower ** 2
         at_means = squares[0]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import sentences
-from boundary_norms import CELLS, one_on_a_square, within_half_a_percent
+from boundary_norms import CELLS, agree_to_half_percent, one_on_a_square
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
@@ -28,21 +28,21 @@ def test_the_edges_of_a_cell_are_chebyshev_s():
 
 
 @pytest.mark.parametrize("name", CELLS)
-@pytest.mark.parametrize("at", [0.0, 1.0, 0.3, 0.3 + 1e-3, 1.9999])
-def test_the_edges_at_a_singular_point_are_halved_from_both_sides(name, at):
+@pytest.mark.parametrize("position", [0.0, 1.0, 0.3, 0.3 + 1e-3, 1.9999])
+def test_the_edges_at_a_singular_point_are_halved_from_both_sides(name, position):
     """Also at a vertex, at 0 = perimeter, near a cell's end, or in a short part of a cell."""
     cells = CELLS[name]
     perimeter = cells.polygon.perimeter
     plain = grade_boundary_nodes(cells, (), 8)
-    graded = grade_boundary_nodes(cells, [at], 8)
+    graded = grade_boundary_nodes(cells, [position], 8)
     assert np.isin(cells.points[:-1], graded).all()
-    assert np.abs(graded - at).min() == 0
-    others = np.union1d(plain[np.isin(plain, cells.points)], [at])
+    assert np.abs(graded - position).min() == 0
+    ends_and_position = np.union1d(plain[np.isin(plain, cells.points)], [position])
     for sign in (-1, 1):
-        part = np.sort(sign * (others - at) % perimeter)[1]
-        away = np.sort(sign * (graded - at) % perimeter)[1 : grading.HALVINGS_AT_SINGULARITY + 2]
+        component = np.sort(sign * (ends_and_position - position) % perimeter)[1]
+        away = np.sort(sign * (graded - position) % perimeter)[1 : grading.HALVINGS_AT_SINGULARITY + 2]
         assert_allclose(away[1:] / away[:-1], 2, rtol=1e-6)  # differences of arc lengths
-        assert away[-1] <= part * (1 + 1e-12)
+        assert away[-1] <= component * (1 + 1e-12)
     assert np.diff(graded).max() <= cells.H / 4  # the longest of Chebyshev's 8 is sin(pi / 8) / 2 of the cell
 
 
@@ -53,8 +53,8 @@ def test_the_edges_beside_a_shorter_cell_are_no_more_than_twice_its_own(lengths)
     cells = partitions.from_points(square(), points)
     s = np.append(grade_boundary_nodes(cells, (), 4), 4.0)
     edges = np.diff(s)
-    at = np.searchsorted(s, cells.points[:-1])
-    ratio = edges[at] / edges[at - 1]
+    index = np.searchsorted(s, cells.points[:-1])
+    ratio = edges[index] / edges[index - 1]
     assert np.all((ratio < 2 * (1 + 1e-9)) & (ratio > 0.5 * (1 - 1e-9)))
     shortest = int(cells.lengths.argmin())
     assert np.sum((s >= points[shortest]) & (s < points[shortest + 1])) == 4
@@ -63,10 +63,10 @@ def test_the_edges_beside_a_shorter_cell_are_no_more_than_twice_its_own(lengths)
 QUADRILATERAL = Polygon(np.array([[0.1, 0.2], [1.3, 0.5], [1.1, 1.7], [-0.2, 1.1]]), "quadrilateral")
 
 
-@pytest.mark.parametrize("at", [0.25, np.nextafter(0.25, 1), 0.25 - 1e-12, 0.25 + 1e-9, 0.25 - 1e-7])
-def test_a_singular_point_beside_a_cell_s_end_is_graded_to_that_end(at):
+@pytest.mark.parametrize("position", [0.25, np.nextafter(0.25, 1), 0.25 - 1e-12, 0.25 + 1e-9, 0.25 - 1e-7])
+def test_a_singular_point_beside_a_cell_s_end_is_graded_to_that_end(position):
     cells = partitions.make_uniform_partition(square(), 1 / 4)
-    assert_array_equal(grade_boundary_nodes(cells, [at], 8), grade_boundary_nodes(cells, [0.25], 8))
+    assert_array_equal(grade_boundary_nodes(cells, [position], 8), grade_boundary_nodes(cells, [0.25], 8))
 
 
 @pytest.mark.parametrize("n", [3, 6, 12])
@@ -81,13 +81,13 @@ def test_cells_that_end_at_a_singular_point_up_to_round_off(n):
 
 
 @pytest.mark.parametrize("length", [1e-3, 1e-5, 1e-6, 1e-7])
-def test_short_cells(length):
+def test_the_gap_stays_small_beside_short_cells(length):
     """No edge is shorter than SHORTEST, and the gap for P0 functions stays below 0.5 %."""
     cells = partitions.from_points(square(), [0, 0.5, 0.5 + length, 1, 2, 3, 4])
     norm = build_dual_norm(cells)
     assert np.diff(norm.spaces.mesh.s).min() >= grading.MIN_EDGE_DIAMETERS * square().diameter
-    found = norm.bound_p0(np.random.default_rng(0).standard_normal((3, cells.n_cells)))
-    assert within_half_a_percent(found)
+    bracket = norm.bound_p0(np.random.default_rng(0).standard_normal((3, cells.n_cells)))
+    assert agree_to_half_percent(bracket)
 
 
 def test_shorter_cells_are_refused():
@@ -101,13 +101,13 @@ def scaled_square(L):
 
 
 @pytest.mark.parametrize("L", [0.01, 10, 100])
-def test_the_gap_on_small_and_large_squares(L):
+def test_the_gap_stays_small_on_small_and_large_squares(L):
     """With edges of LONGEST at most; mu = 1 against its closed form."""
     norm = build_dual_norm(partitions.make_uniform_partition(scaled_square(L), L / 8))
-    found = norm.bound_p0(np.vstack([np.ones(32), (-1.0) ** np.arange(32)]))
-    assert within_half_a_percent(found)
-    assert found.lower[0] <= one_on_a_square(L) * (1 + 1e-9)
-    assert one_on_a_square(L) <= found.upper[0] * (1 + 1e-9)
+    bracket = norm.bound_p0(np.vstack([np.ones(32), (-1.0) ** np.arange(32)]))
+    assert agree_to_half_percent(bracket)
+    assert bracket.lower[0] <= one_on_a_square(L) * (1 + 1e-9)
+    assert one_on_a_square(L) <= bracket.upper[0] * (1 + 1e-9)
 
 
 def test_a_tiny_square_is_refused():
@@ -118,14 +118,14 @@ def test_a_tiny_square_is_refused():
 def test_without_the_longest_edge_the_gap_on_a_large_square_is_missed(monkeypatch):
     """Control."""
     monkeypatch.setattr(grading, "MAX_REFERENCE_EDGE", np.inf)
-    found = build_dual_norm(partitions.make_uniform_partition(scaled_square(100), 12.5)).bound_p0(
+    bracket = build_dual_norm(partitions.make_uniform_partition(scaled_square(100), 12.5)).bound_p0(
         np.ones((1, 32))
     )
-    assert found.upper[0] > 1.005 * found.lower[0]
+    assert bracket.upper[0] > 1.005 * bracket.lower[0]
 
 
 @pytest.mark.parametrize("degrees", [1, 10, 30])
-def test_edges_near_shorter_ones_on_another_side(degrees):
+def test_edges_near_shorter_ones_on_another_side_are_graded_to_them(degrees):
     """At a wedge's sides that are nearer than their cells are long; a short cell faces long ones."""
     cells = wedge(degrees)
     s = np.append(grade_boundary_nodes(cells, (), 8), cells.polygon.perimeter)
@@ -137,16 +137,16 @@ def test_edges_near_shorter_ones_on_another_side(degrees):
     allowed = np.where(side[:, None] == side, np.inf, distance + 2 * lengths).min(axis=1)
     free = distance_to_other_sides(cells.polygon, points, side)
     assert np.all(lengths <= np.maximum(allowed, free) * (1 + 1e-9))
-    found = build_dual_norm(cells).bound_p0(np.eye(cells.n_cells))
-    assert within_half_a_percent(found)
+    bracket = build_dual_norm(cells).bound_p0(np.eye(cells.n_cells))
+    assert agree_to_half_percent(bracket)
 
 
-def test_without_that_the_gap_in_a_wedge_is_missed(monkeypatch):
+def test_without_grading_to_other_sides_the_gap_in_a_wedge_is_missed(monkeypatch):
     """Control."""
     monkeypatch.setattr(grading, "_halve_near_shorter_edges", lambda _, s: s)
     cells = wedge(1)
-    found = build_dual_norm(cells).bound_p0(np.eye(cells.n_cells))
-    assert np.any(found.upper > 1.005 * found.lower)
+    bracket = build_dual_norm(cells).bound_p0(np.eye(cells.n_cells))
+    assert np.any(bracket.upper > 1.005 * bracket.lower)
 
 
 def wedge(degrees):

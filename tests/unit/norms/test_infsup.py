@@ -9,12 +9,12 @@ from boundary_norms import (
     EQUAL_POINTS,
     RECTANGLE,
     gram,
-    on,
+    make_operator_and_gram,
+    mesh_with_nodes,
     operator,
     own_cells,
     p2_gram,
     uniform,
-    with_nodes,
 )
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
@@ -34,10 +34,10 @@ ZERO = 1e-12  # of beta^2: the design's bound where theory says 0; rounding give
 
 @pytest.mark.parametrize(("polygon", "n", "m"), [("square", 4, 5), ("square", 4, 16), ("lshape", 3, 4)])
 def test_more_cells_than_boundary_nodes_leave_no_beta(polygon, n, m):
-    op, G = on(polygon, n, m)
-    found = infsup_constants(op, G)
-    assert found[:2] == (0, 0)
-    assert found.beta_0**2 * op.H_i.max() <= ZERO * op.lambda_max
+    op, G = make_operator_and_gram(polygon, n, m)
+    constants = infsup_constants(op, G)
+    assert constants[:2] == (0, 0)
+    assert constants.beta_0**2 * op.H_i.max() <= ZERO * op.lambda_max
     for form in G:
         assert abs(eigh(op.D, form, eigvals_only=True)[0]) <= ZERO
 
@@ -58,7 +58,7 @@ def test_equal_points_and_an_even_number_of_edges_leave_no_beta(name):
 
 def test_equal_points_and_an_odd_number_of_edges_leave_a_beta():
     """Then B is regular, and with it D: control of the test above, which is about the number's parity."""
-    mesh = with_nodes(square(), [8, 8, 8, 9])
+    mesh = mesh_with_nodes(square(), [8, 8, 8, 9])
     cells = own_cells(mesh)
     op = operator(mesh, cells)
     assert cells.n_cells == len(mesh.boundary) == 33
@@ -75,11 +75,11 @@ def test_beta_grows_along_nested_spaces_to_1(polygon):
     """
     mesh = make_structured_mesh(find_polygon(polygon), 1 / 4)
     cells = uniform(polygon, 3)
-    found = []
+    constants = []
     for _ in range(4):
-        found.append(infsup_constants(operator(mesh, cells), gram(cells)))
+        constants.append(infsup_constants(operator(mesh, cells), gram(cells)))
         mesh = meshes.refine_uniformly(mesh)
-    lower, upper, beta_0 = np.array(found).T
+    lower, upper, beta_0 = np.array(constants).T
     for values in (lower, upper, beta_0):
         assert np.all(np.diff(values) >= -1e-12)
     assert np.all(lower <= upper)
@@ -89,14 +89,16 @@ def test_beta_grows_along_nested_spaces_to_1(polygon):
 
 def test_adapted_meshes_and_their_cells_are_stable():
     """beta is at least 1/2, as on all surveyed pairs that keep the rule (claim S.local)."""
-    of = start_adapted_mesh(make_structured_mesh(find_polygon("lshape"), 1 / 2))
+    adapted_mesh = start_adapted_mesh(make_structured_mesh(find_polygon("lshape"), 1 / 2))
     rng = np.random.default_rng(5)
     for _ in range(5):
-        count = len(of.mesh.triangles)
-        of = refine_and_balance(of, rng.choice(count, count // 6))
-    assert np.diff(of.mesh.s).max() >= 4 * np.diff(of.mesh.s).min()
-    found = infsup_constants(operator(of.mesh, of.partition), gram(of.partition))
-    assert 0.5 <= found.beta_lower <= found.beta_upper <= 1
+        count = len(adapted_mesh.mesh.triangles)
+        adapted_mesh = refine_and_balance(adapted_mesh, rng.choice(count, count // 6))
+    assert np.diff(adapted_mesh.mesh.s).max() >= 4 * np.diff(adapted_mesh.mesh.s).min()
+    constants = infsup_constants(
+        operator(adapted_mesh.mesh, adapted_mesh.partition), gram(adapted_mesh.partition)
+    )
+    assert 0.5 <= constants.beta_lower <= constants.beta_upper <= 1
 
 
 @pytest.mark.parametrize(
@@ -104,7 +106,7 @@ def test_adapted_meshes_and_their_cells_are_stable():
 )
 def test_the_bounds_of_beta_are_close(polygon, n, m):
     """0.5 % is asked for by default, 0.1 % with 16 edges per cell; the intervals overlap."""
-    op, G = on(polygon, n, m)
+    op, G = make_operator_and_gram(polygon, n, m)
     coarse = infsup_constants(op, G)
     fine = infsup_constants(op, gram(uniform(polygon, m), 16))
     assert 0 < coarse.beta_lower <= coarse.beta_upper <= 1.005 * coarse.beta_lower
@@ -114,7 +116,7 @@ def test_the_bounds_of_beta_are_close(polygon, n, m):
 
 
 @pytest.mark.parametrize(("polygon", "n", "m", "fine"), [("square", 4, 2, 32), ("lshape", 3, 2, 24)])
-def test_beta_against_dense_algebra(polygon, n, m, fine):
+def test_beta_lies_in_its_bracket_by_dense_algebra(polygon, n, m, fine):
     """D by the full matrix of V_h, G from uniform P2, which is a lower bound of the form within 1 %."""
     mesh = make_structured_mesh(find_polygon(polygon), 1 / n)
     cells = uniform(polygon, m)
@@ -122,24 +124,24 @@ def test_beta_against_dense_algebra(polygon, n, m, fine):
     B = np.zeros((cells.n_cells, mesh.n_nodes))
     B[:, mesh.boundary] = coupling(mesh, cells).toarray()
     above = sqrt(eigh(B @ np.linalg.solve(A, B.T), p2_gram(cells, fine), eigvals_only=True)[0])
-    found = infsup_constants(*on(polygon, n, m))
-    assert found.beta_lower <= above
-    assert 0.99 * above <= found.beta_upper
+    constants = infsup_constants(*make_operator_and_gram(polygon, n, m))
+    assert constants.beta_lower <= above
+    assert 0.99 * above <= constants.beta_upper
 
 
 def test_beta_is_at_most_1():
     """V_h may resolve the norm better than the reference spaces do: here D lies between the bounds' forms."""
-    op = on("square", 8, 4)[0]
+    op = make_operator_and_gram("square", 8, 4)[0]
     assert_allclose(infsup_constants(op, Bracket(0.9 * op.D, 1.1 * op.D))[:2], (1.1**-0.5, 1), rtol=1e-10)
 
 
 @pytest.mark.parametrize("polygon", ["square", "lshape"])
-def test_beta_0_against_a_generalised_eigenvalue(polygon):
+def test_beta_0_is_a_generalised_eigenvalue(polygon):
     """beta_0^2 is the least of sup (<mu, v>/||v||_1)^2 against H ||mu||_0^2."""
     cells = partitions.make_shifted_partition(find_polygon(polygon), 1 / 4, 0.6)
     op = operator(make_structured_mesh(find_polygon(polygon), 1 / 18), cells)
-    found = infsup_constants(op, gram(cells)).beta_0
-    assert found**2 == pytest.approx(eigh(op.D, cells.H * np.diag(op.H_i), eigvals_only=True)[0], rel=1e-10)
+    beta_0 = infsup_constants(op, gram(cells)).beta_0
+    assert beta_0**2 == pytest.approx(eigh(op.D, cells.H * np.diag(op.H_i), eigvals_only=True)[0], rel=1e-10)
 
 
 def brute_resolution(mesh, cells):
@@ -149,22 +151,22 @@ def brute_resolution(mesh, cells):
     nodes = []
     deltas = []
     for a, b in zip(cells.points[:-1], cells.points[1:], strict=True):
-        parts = [(min(b, d) - max(a, c), d - c) for c, d in zip(mesh.s[:-1], mesh.s[1:], strict=True)]
-        parts = [(part, length) for part, length in parts if part > 0]
-        edges.append(sum(part / length for part, length in parts))
-        ratio.append((b - a) / max(length for _, length in parts))
+        components = [(min(b, d) - max(a, c), d - c) for c, d in zip(mesh.s[:-1], mesh.s[1:], strict=True)]
+        components = [(component, length) for component, length in components if component > 0]
+        edges.append(sum(component / length for component, length in components))
+        ratio.append((b - a) / max(length for _, length in components))
         nodes.append(sum(a < s < b for s in mesh.s))
         deltas.append(max(min(s - a, b - s) for s in [a, *mesh.s] if a <= s <= b) / (b - a))
     lengths = [*np.diff(cells.points), cells.points[1]]
     alpha_1 = max(max(p / q, q / p) for p, q in pairwise(lengths))
-    angle = min(map(smallest_angle, at_boundary(mesh)))
+    angle = min(map(smallest_angle, find_boundary_corners(mesh)))
     return min(edges), min(ratio), min(nodes), angle, min(deltas), alpha_1
 
 
-def at_boundary(mesh):
+def find_boundary_corners(mesh):
     """The corners of the triangles with an edge, or two ends of one, on the boundary."""
-    on = set(mesh.boundary.tolist())
-    return [mesh.points[t] for t in mesh.triangles if len(on & set(t.tolist())) >= 2]
+    names = set(mesh.boundary.tolist())
+    return [mesh.points[t] for t in mesh.triangles if len(names & set(t.tolist())) >= 2]
 
 
 def smallest_angle(corners):
@@ -174,10 +176,10 @@ def smallest_angle(corners):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_resolution_against_brute_force(seed):
+def test_the_resolution_is_that_by_brute_force(seed):
     rng = np.random.default_rng(seed)
     polygon = [square(), find_polygon("lshape"), RECTANGLE][seed % 3]
-    mesh = with_nodes(polygon, rng.integers(1, 9, polygon.n_sides))
+    mesh = mesh_with_nodes(polygon, rng.integers(1, 9, polygon.n_sides))
     points = np.concatenate([polygon.starts, rng.uniform(0, polygon.perimeter, rng.integers(1, 12))])
     if seed >= 3:  # some of the points are nodes
         points = np.concatenate([points, rng.choice(mesh.s, 5)])

@@ -23,8 +23,8 @@ mu is the sum of 4/p sin(p y) over p = pi, 3 pi, and so on, and u that of 4/p^2 
 def squares(cells: Partition, clamped: tuple[int, ...], mu: dict[int, float]) -> tuple[float, float]:
     """Bounds on the square of the norm of a mu that is constant on sides."""
     values = np.array([mu.get(side, 0.0) for side in cells.side.tolist()])
-    of = build_dual_norm(cells, form=Form(c=0.0, clamped=clamped)).bound_p0(values[None])
-    return float(of.lower[0]) ** 2, float(of.upper[0]) ** 2
+    bracket = build_dual_norm(cells, form=Form(c=0.0, clamped=clamped)).bound_p0(values[None])
+    return float(bracket.lower[0]) ** 2, float(bracket.upper[0]) ** 2
 
 
 @pytest.mark.parametrize(
@@ -44,20 +44,22 @@ def test_the_form_is_that_of_single_functions():
     norm = build_dual_norm(make_uniform_partition(square(), 1 / 4), form=Form(c=0.0, clamped=(0, 2)))
     gram = norm.gram()
     mu = np.random.default_rng(3).standard_normal((5, 16))
-    kept = mu[:, gram.cells]
+    kept_mu = mu[:, gram.cells]
     single = norm.bound_p0(mu)
-    for form, of in zip(gram.p0, (single.lower, single.upper), strict=True):
-        assert np.allclose(np.einsum("ki,ij,kj->k", kept, form, kept), of**2, rtol=1e-9)
+    for form, end in zip(gram.p0, (single.lower, single.upper), strict=True):
+        assert np.allclose(np.einsum("ki,ij,kj->k", kept_mu, form, kept_mu), end**2, rtol=1e-9)
 
 
 def test_a_constant_of_an_arc_is_an_unknown(monkeypatch):
     """Control: with the flux through a clamped side held at 0 the upper bound is far too large."""
-    of = least_fluxes.CondensedEnergy.from_matrix.__func__
+    from_matrix = least_fluxes.CondensedEnergy.from_matrix.__func__
 
-    def held(cls, matrix, given, rank):
-        return of(cls, matrix, np.append(given.ravel(), np.flatnonzero(np.isinf(rank))), rank)
+    def clamp_jumps(cls, matrix, clamped_values, rank):
+        return from_matrix(
+            cls, matrix, np.append(clamped_values.ravel(), np.flatnonzero(np.isinf(rank))), rank
+        )
 
-    monkeypatch.setattr(least_fluxes.CondensedEnergy, "from_matrix", classmethod(held))
+    monkeypatch.setattr(least_fluxes.CondensedEnergy, "from_matrix", classmethod(clamp_jumps))
     assert squares(make_uniform_partition(square(), 1 / 4), (0, 2), {1: 1.0})[1] > 1.5 * ACROSS
 
 
@@ -68,8 +70,8 @@ def test_bounds_on_cells_graded_to_a_vertex_are_as_near_each_other_as_for_c_1(sm
     A matrix with div q in it was singular there.
     """
     polygon = find_polygon("lshape")
-    at = polygon.starts[2] + 2.0 ** -np.arange(1, 1 - math.log2(smallest))
-    cells = Partition(polygon, np.union1d(make_uniform_partition(polygon, 1 / 2).points, at))
+    position = polygon.starts[2] + 2.0 ** -np.arange(1, 1 - math.log2(smallest))
+    cells = Partition(polygon, np.union1d(make_uniform_partition(polygon, 1 / 2).points, position))
 
     def excess(c):
         lower, upper = build_dual_norm(cells, form=Form(c=c, clamped=(1,))).gram().p0
@@ -83,8 +85,8 @@ def test_bounds_on_cells_graded_to_a_vertex_are_as_near_each_other_as_for_c_1(sm
 def test_psi_is_the_integral_of_the_flux():
     """At ends and midpoints of 3 edges, against Simpson's rule, which is exact for linear functions."""
     start, end = np.random.default_rng(4).standard_normal((2, 3, 2))
-    at = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6]])
-    psi = least_fluxes._integrate_stream_function(np.zeros((7, 2)), at, start, end)
+    values = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6]])
+    psi = least_fluxes._integrate_stream_function(np.zeros((7, 2)), values, start, end)
     quarter = 0.75 * start + 0.25 * end
     middle = 0.5 * (start + end)
     halves = (start + 4 * quarter + middle) / 12

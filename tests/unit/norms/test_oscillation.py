@@ -7,8 +7,8 @@ from math import pi, sinh, sqrt, tanh
 import numpy as np
 import pytest
 import skfem
-from boundary_norms import POLYGONS, Flux, alternating, brackets, norm_on, of_p0_on_bottom
-from displaced import in_doubt
+from boundary_norms import POLYGONS, Flux, alternating, bound_p0_on_bottom, brackets, norm_on
+from displaced import add_doubt
 from scipy.linalg import eigh
 from skfem.models.poisson import laplace, mass, unit_load
 
@@ -92,8 +92,8 @@ def best_constants(vertices, mean_free=True, refinements=4, form=H1):
     boundary = mesh.boundary_facets()
     middle = mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
     for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
-        off = np.abs((b - a)[0] * (middle[1] - a[1]) - (b - a)[1] * (middle[0] - a[0]))
-        on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[off < 1e-12 * np.ptp(v)])
+        displaced = np.abs((b - a)[0] * (middle[1] - a[1]) - (b - a)[1] * (middle[0] - a[0]))
+        on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[displaced < 1e-12 * np.ptp(v)])
         M = projector.T @ mass.assemble(on_edge).toarray() @ projector
         largest.append(eigh(M, K, eigvals_only=True, subset_by_index=last)[0])
     return np.array(largest)
@@ -115,40 +115,42 @@ def test_a_triangle_s_constants_are_never_below_the_best(name):
     """And at most 4 times the best, so that what oscillates is at most doubled."""
     mesh = triangle(name)
     best = best_of_traces(name)
-    taken = trace_constants(mesh) / 3
-    assert np.all(best <= taken)
-    assert np.all(taken <= 4 * best)
+    selected = trace_constants(mesh) / 3
+    assert np.all(best <= selected)
+    assert np.all(selected <= 4 * best)
 
 
 def test_payne_and_weinberger_alone_would_be_too_small():
     """Control: without the gradient's term some constant lies below an eigenvalue."""
     below = []
     for name in TRIANGLES:
-        of = triangle(name).polygon
-        below.append(np.any(of.lengths / of.area * of.diameter**2 / pi**2 < best_of_traces(name)))
+        polygon = triangle(name).polygon
+        below.append(
+            np.any(polygon.lengths / polygon.area * polygon.diameter**2 / pi**2 < best_of_traces(name))
+        )
     assert sum(below) >= 3
 
 
 def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     """Both triangles of the square cut in two have two boundary edges; d = 2^{1/2}, a = 2^{1/2}."""
     mesh = make_structured_mesh(square(), 1.0)
-    found = trace_constants(mesh)
-    np.testing.assert_allclose(found, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
+    edge_constants = trace_constants(mesh)
+    np.testing.assert_allclose(edge_constants, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
 
 
 @pytest.mark.parametrize("form", [H1, Form(4.0, 9.0), Form(1.0, 1e3)])
 @pytest.mark.parametrize("size", [0.01, 1.0, 30.0])
 @pytest.mark.parametrize("name", TRIANGLES)
-def test_the_constant_for_values_on_an_edge(name, size, form):
+def test_the_constant_for_values_on_an_edge_is_above_the_best_one(name, size, form):
     """Control: a third of it is too small where triangles are small beside (k/c)^(1/2).
 
     There the best v is 1, with |e|/|T|/c.
     """
     mesh = triangle(name, size)
-    taken = value_constants(mesh, form) / 3
+    selected = value_constants(mesh, form) / 3
     best = best_constants(mesh.polygon.vertices, mean_free=False, refinements=3, form=form)
-    assert np.all(best <= taken)
-    assert size**2 * form.c > 1e-3 * form.k or np.all(taken / 3 < best)
+    assert np.all(best <= selected)
+    assert size**2 * form.c > 1e-3 * form.k or np.all(selected / 3 < best)
 
 
 def test_without_c_values_on_an_edge_have_no_constant():
@@ -160,13 +162,13 @@ def test_on_every_edge_the_smaller_constant_counts(form):
     """Those of |v|_1 are divided by k; for a layer much thinner than edges that of ||v||_T is smaller."""
     mesh = make_structured_mesh(square(), 1 / 8)
     squares = np.eye(32)[:, 3:4]
-    (found,) = oscillation_bound(mesh, squares, form=form)
-    of_values = np.sqrt(value_constants(mesh, form)[3])
-    assert found == pytest.approx(min(of_values, np.sqrt(SQUARE_CONSTANT / 8 / 5.0)))
-    assert (found == of_values) == (form.c > 0)
+    (bound,) = oscillation_bound(mesh, squares, form=form)
+    values = np.sqrt(value_constants(mesh, form)[3])
+    assert bound == pytest.approx(min(values, np.sqrt(SQUARE_CONSTANT / 8 / 5.0)))
+    assert (bound == values) == (form.c > 0)
 
 
-def in_squares(mesh, points):
+def lie_in_squares(mesh, points):
     """(k, nb) whether the points (k, 2) lie inside the squares on the boundary edges."""
     tangents = mesh.polygon.tangents[mesh.side]
     lengths = np.diff(mesh.s)
@@ -184,7 +186,7 @@ def squares_fit(mesh, used):
     polygon = mesh.polygon
     side = mesh.side[edge]
     points = mesh.points[mesh.boundary[edge]] + along * polygon.tangents[side] - into * polygon.normals[side]
-    return np.all(polygon.contains(points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
+    return np.all(polygon.contains(points)) and np.all(lie_in_squares(mesh, points)[:, used].sum(axis=1) == 1)
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -197,10 +199,10 @@ def test_the_squares_lie_inside_and_are_disjoint(name):
 
 
 @pytest.mark.parametrize(
-    ("n", "waves", "constant", "of_1"),
+    ("n", "waves", "constant", "unit_norm"),
     [*((n, 1, SQUARE_CONSTANT, 1e-3) for n in (8, 16, 64)), (16, 0.5, MEAN_FREE_SQUARE_CONSTANT, 5e-3)],
 )
-def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
+def test_waves_on_edges_are_bounded_sharply(n, waves, constant, unit_norm):
     """cos(2 pi w n x) on one side of the square, w waves an edge: without linear functions, or constants.
 
     Its norm is (coth(q) / (2 q))^{1/2}, q^2 = 1 + (2 pi w n)^2. The squares' share is sharp, but for what the
@@ -214,8 +216,8 @@ def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
     assert oscillation_bound(mesh, squares, constant)[0] >= true
     squares = squares * used[:, None]
     share = true * sqrt(used[:n].mean())
-    of_squares = oscillation_bound(mesh, squares, constant)[0]
-    assert of_squares == pytest.approx(share, rel=of_1)
+    squares_bound = oscillation_bound(mesh, squares, constant)[0]
+    assert squares_bound == pytest.approx(share, rel=unit_norm)
     assert used[:n].any()
     if waves < 1:
         assert oscillation_bound(mesh, squares)[0] < 0.75 * share
@@ -241,34 +243,36 @@ def test_squares_that_overlap_at_vertices_are_left_out(n):
 
 
 @pytest.mark.parametrize("name", POLYGONS)
-def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
+def test_brackets_overlap_for_a_partition_that_is_not_nested_in_the_reference_mesh(name):
     """Bounds by spaces for a finer partition overlap those by spaces for its own; 5 % as for errors."""
     polygon = POLYGONS[name]
-    other = partitions.make_shifted_partition(polygon, 1 / 4, 0.37)
+    other_shifted_partition = partitions.make_shifted_partition(polygon, 1 / 4, 0.37)
     case = Flux(polygon, 0.41, Fraction(1, 2))
-    own = build_dual_norm(other, (), 16)
-    assert not np.isin(other.points, norm_on(name, 6).spaces.mesh.s).all()
-    mu = np.random.default_rng(4).standard_normal((3, other.n_cells))
-    fine = own.bound_p0(mu)
-    coarse = norm_on(name, 6).bound_p0(mu, other)
+    original = build_dual_norm(other_shifted_partition, (), 16)
+    assert not np.isin(other_shifted_partition.points, norm_on(name, 6).spaces.mesh.s).all()
+    mu = np.random.default_rng(4).standard_normal((3, other_shifted_partition.n_cells))
+    fine = original.bound_p0(mu)
+    coarse = norm_on(name, 6).bound_p0(mu, other_shifted_partition)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
-    own = build_dual_norm(other, [case], 16)
-    fine = own.bound_error(case, mu)
-    coarse = norm_on(name, 6).bound_error(case, mu, other)
+    original = build_dual_norm(other_shifted_partition, [case], 16)
+    fine = original.bound_error(case, mu)
+    coarse = norm_on(name, 6).bound_error(case, mu, other_shifted_partition)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
 
 
 def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatch):
     """Control: a function that alternates within the reference edges, against its cosine series."""
-    other = partitions.make_uniform_partition(square(), 1 / 32)
-    mu = np.where(np.arange(other.n_cells) < 32, alternating(other), 0)[None]
-    below, above = of_p0_on_bottom(np.arange(33) / 32, mu[0, :32])
+    other_uniform_partition = partitions.make_uniform_partition(square(), 1 / 32)
+    mu = np.where(np.arange(other_uniform_partition.n_cells) < 32, alternating(other_uniform_partition), 0)[
+        None
+    ]
+    below, above = bound_p0_on_bottom(np.arange(33) / 32, mu[0, :32])
     norm = norm_on("square", 1, 4)
-    found = norm.bound_p0(mu, other)
-    assert found.lower <= above
-    assert below <= found.upper
+    bracket = norm.bound_p0(mu, other_uniform_partition)
+    assert bracket.lower <= above
+    assert below <= bracket.upper
     monkeypatch.setattr(functionals, "oscillation_bound", lambda _, squares: np.zeros(squares.shape[1]))
-    assert norm.bound_p0(mu, other).upper < 0.9 * below
+    assert norm.bound_p0(mu, other_uniform_partition).upper < 0.9 * below
 
 
 def test_squares_have_room_for_the_displacement_of_nodes():
@@ -278,7 +282,7 @@ def test_squares_have_room_for_the_displacement_of_nodes():
     for room, expected in ((0.9, True), (1.1, False)):
         doubt = room * (7 / 16 - SQUARE_REACH * 2 / 8) / 4
         lengths = 2 * doubt * SQUARE_REACH * 2 / 8 / 4  # what sides may be longer takes of it
-        assert np.all(has_square(in_doubt(mesh, doubt - lengths))[middle] == expected)
+        assert np.all(has_square(add_doubt(mesh, doubt - lengths))[middle] == expected)
     assert middle.sum() == 8
 
 

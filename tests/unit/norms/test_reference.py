@@ -33,20 +33,22 @@ def skfem_mesh(mesh):
     return skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
 
 
-def facets_of(of_skfem, mesh):
+def facets_of(scikit_mesh, mesh):
     """skfem's facets of the boundary edges, found by their midpoints."""
-    boundary = of_skfem.boundary_facets()
+    boundary = scikit_mesh.boundary_facets()
     start = mesh.points[mesh.boundary]
     middle = 0.5 * (start + np.roll(start, -1, axis=0))
-    distance, found = cKDTree(of_skfem.p[:, of_skfem.facets[:, boundary]].mean(axis=1).T).query(middle)
+    distance, nearest = cKDTree(scikit_mesh.p[:, scikit_mesh.facets[:, boundary]].mean(axis=1).T).query(
+        middle
+    )
     assert distance.max() < 1e-12
-    return boundary[found]
+    return boundary[nearest]
 
 
-def trace_basis(of_skfem, mesh, element, at):
+def trace_basis(scikit_mesh, mesh, element, position):
     """The element on the boundary edges with its normal components at the points `at` of every edge."""
-    quadrature = (np.atleast_2d(at), np.full(len(at), 1 / len(at)))
-    basis = skfem.FacetBasis(of_skfem, element, facets=facets_of(of_skfem, mesh), quadrature=quadrature)
+    quadrature = (np.atleast_2d(position), np.full(len(position), 1 / len(position)))
+    basis = skfem.FacetBasis(scikit_mesh, element, facets=facets_of(scikit_mesh, mesh), quadrature=quadrature)
     return basis, [np.sum(np.asarray(shape[0]) * np.asarray(basis.normals), axis=0) for shape in basis.basis]
 
 
@@ -81,10 +83,10 @@ def test_a_polygon_on_which_rounding_loses_constants_has_no_spaces():
 def test_two_singular_points_in_a_cell_are_both_graded_to():
     cells = partitions.make_uniform_partition(square(), 1.0)
     s = grade_boundary_nodes(cells, [0.4, 0.45], 8)
-    at = np.searchsorted(s, [0.4, 0.45])
-    assert_allclose(s[at], [0.4, 0.45])
+    index = np.searchsorted(s, [0.4, 0.45])
+    assert_allclose(s[index], [0.4, 0.45])
     between = 0.05 / 2 / 2**grading.HALVINGS_AT_SINGULARITY
-    assert_allclose([s[at[0] + 1] - s[at[0]], s[at[1]] - s[at[1] - 1]], between, rtol=1e-9)
+    assert_allclose([s[index[0] + 1] - s[index[0]], s[index[1]] - s[index[1] - 1]], between, rtol=1e-9)
     assert np.all(np.diff(s) > 0)
 
 
@@ -105,39 +107,39 @@ def test_the_normal_fluxes_take_the_given_values(name):
     """q.n of BDM1 is evaluated at a quarter and three quarters of each edge, found by their coordinates."""
     spaces = spaces_of(name)
     mesh = spaces.mesh
-    given = np.random.default_rng(0).standard_normal((len(mesh.boundary), 2))
+    samples = np.random.default_rng(0).standard_normal((len(mesh.boundary), 2))
     bdm1 = skfem.Basis(skfem_mesh(mesh), skfem.ElementTriBDM1())
     facets = facets_of(bdm1.mesh, mesh)
-    q = normal_flux_matrix(bdm1, mesh, facets) @ given.ravel()
+    q = normal_flux_matrix(bdm1, mesh, facets) @ samples.ravel()
     basis, traces = trace_basis(skfem_mesh(mesh), mesh, skfem.ElementTriBDM1(), [0.25, 0.75])
-    found = sum(q[dofs][:, None] * trace for dofs, trace in zip(basis.element_dofs, traces, strict=True))
+    total = sum(q[dofs][:, None] * trace for dofs, trace in zip(basis.element_dofs, traces, strict=True))
     points = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
     x = np.linalg.norm(points - mesh.points[mesh.boundary][:, None], axis=2) / np.diff(mesh.s)[:, None]
-    assert_allclose(found, (1 - x) * given[:, :1] + x * given[:, 1:], rtol=0, atol=1e-12)
+    assert_allclose(total, (1 - x) * samples[:, :1] + x * samples[:, 1:], rtol=0, atol=1e-12)
     assert not np.any(np.delete(q, bdm1.facet_dofs[:, facets]))
 
 
 @pytest.mark.parametrize("name", ["shifted", "dart"])
-def test_the_forms_against_dense_algebra(name):
+def test_suprema_and_least_fluxes_are_those_by_dense_algebra(name):
     """sup <mu, v>^2 / ||v||^2 = b^T A^{-1} b; the least flux solves the normal equations."""
     spaces = spaces_of(name, 2)
     rng = np.random.default_rng(1)
-    of_skfem = skfem_mesh(spaces.mesh)
-    p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
-    bdm1 = skfem.Basis(of_skfem, skfem.ElementTriBDM1())
+    scikit_mesh = skfem_mesh(spaces.mesh)
+    p2 = skfem.Basis(scikit_mesh, skfem.ElementTriP2())
+    bdm1 = skfem.Basis(scikit_mesh, skfem.ElementTriBDM1())
     b = rng.standard_normal((spaces.n_p2, 3))
     A = (laplace.assemble(p2) + mass.assemble(p2)).toarray()
     assert_allclose(spaces.suprema(sp.csc_array(b)), b.T @ np.linalg.solve(A, b), rtol=1e-9)
     E = energy.assemble(bdm1).toarray()
     values = rng.standard_normal((2 * len(spaces.edge_unknowns), 3))
-    facets = facets_of(of_skfem, spaces.mesh)
+    facets = facets_of(scikit_mesh, spaces.mesh)
     q = normal_flux_matrix(bdm1, spaces.mesh, facets) @ values
     free = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facets])
     q[free] = -np.linalg.solve(E[np.ix_(free, free)], (E @ q)[free])
     assert_allclose(spaces.least_fluxes(sp.csc_array(values)), q.T @ E @ q, rtol=1e-9)
 
 
-def test_products_with_columns_that_are_zero_or_equal():
+def test_products_with_columns_that_are_zero_or_equal_are_those_by_dense_algebra():
     """Against dense algebra; a pivot among those of the columns would be 0 for each of the two."""
     rng = np.random.default_rng(2)
     n = 40
@@ -146,27 +148,27 @@ def test_products_with_columns_that_are_zero_or_equal():
     F = rng.standard_normal((n, k)) * (rng.random((n, k)) < 0.3)
     F[:, 7] = F[:, 8]
     F[:, 4] = 0.0
-    found = OrderedMatrix(sp.csr_array(A), rng.permutation(n)).inverse_products(sp.csc_array(F))
-    assert_allclose(found, F.T @ np.linalg.solve(A.toarray(), F), rtol=0, atol=1e-12)
-    assert_array_equal(found, found.T)
+    inverse_products = OrderedMatrix(sp.csr_array(A), rng.permutation(n)).inverse_products(sp.csc_array(F))
+    assert_allclose(inverse_products, F.T @ np.linalg.solve(A.toarray(), F), rtol=0, atol=1e-12)
+    assert_array_equal(inverse_products, inverse_products.T)
 
 
 def least_flux_of_rt0(norm, mu):
     """min (||q||^2 + ||div q||^2)^{1/2} over RT0 on the reference mesh with q.n = mu, constant on edges."""
     mesh = norm.spaces.mesh
-    of_skfem = skfem_mesh(mesh)
+    scikit_mesh = skfem_mesh(mesh)
     element = skfem.ElementTriRT0()
-    basis = skfem.Basis(of_skfem, element)
+    basis = skfem.Basis(scikit_mesh, element)
     E = energy.assemble(basis)
-    unknown = basis.facet_dofs[0, facets_of(of_skfem, mesh)]
-    on_edges, traces = trace_basis(of_skfem, mesh, element, [0.5])
-    own = [
-        np.where(dofs == unknown, each[:, 0], 0)
-        for dofs, each in zip(on_edges.element_dofs, traces, strict=True)
+    unknown = basis.facet_dofs[0, facets_of(scikit_mesh, mesh)]
+    on_edges, traces = trace_basis(scikit_mesh, mesh, element, [0.5])
+    original = [
+        np.where(dofs == unknown, trace[:, 0], 0)
+        for dofs, trace in zip(on_edges.element_dofs, traces, strict=True)
     ]
     q = basis.zeros()
     cell = np.searchsorted(norm.partition.points, 0.5 * (mesh.s[1:] + mesh.s[:-1])) - 1
-    q[unknown] = mu[cell] / sum(own)
+    q[unknown] = mu[cell] / sum(original)
     q = skfem.solve(*skfem.condense(E, x=q, D=unknown))
     return np.sqrt(q @ (E @ q))
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sentences
-from conftest import certified, load
+from conftest import load, load_certificate
 
 from unilateral.errors import InputError
 from unilateral.formulas.expression import rational_expression
@@ -30,21 +30,21 @@ def family(generations=3, keep=KEEP):
 
 def test_the_intervals_of_the_first_generations_by_hand():
     """1/8 + 3/4 t of those in [0, 1], which are 9/20 to 11/20, 81/400 to 99/400 and 301/400 to 319/400."""
-    odd, even, left = family(2).sort_intervals()
+    odd, even, remaining = family(2).sort_intervals()
     assert odd == [(Q(37, 80), Q(43, 80))]
     assert even == [(Q(443, 1600), Q(497, 1600)), (Q(1103, 1600), Q(1157, 1600))]
-    assert [a for a, _ in left] == [Q(1, 8), even[0][1], odd[0][1], even[1][1]]
-    assert [b for _, b in left] == [even[0][0], odd[0][0], even[1][0], Q(7, 8)]
+    assert [a for a, _ in remaining] == [Q(1, 8), even[0][1], odd[0][1], even[1][1]]
+    assert [b for _, b in remaining] == [even[0][0], odd[0][0], even[1][0], Q(7, 8)]
 
 
 @pytest.mark.parametrize("generations", [1, 2, 5, 7])
 def test_the_intervals_tile_the_set_s_place(generations):
     """2^(g-1) are removed by generation g, 1 - 2 keep of what is there; (2 keep)^g is left."""
-    odd, even, left = family(generations).sort_intervals()
-    ends = np.array(sorted([*odd, *even, *left]), dtype=float)
+    odd, even, remaining = family(generations).sort_intervals()
+    ends = np.array(sorted([*odd, *even, *remaining]), dtype=float)
     np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=0, atol=1e-14)
     assert len(odd) + len(even) == 2**generations - 1
-    assert sum(b - a for a, b in left) == Q(3, 4) * Q(9, 10) ** generations
+    assert sum(b - a for a, b in remaining) == Q(3, 4) * Q(9, 10) ** generations
 
 
 @pytest.mark.parametrize("keep", [Q(1, 3), Q(9, 20)])
@@ -74,7 +74,7 @@ def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, kee
     generations = [lengths[:1], lengths[1:5], lengths[5:]]
 
     def sums(tau):
-        return [np.sum(each ** (2 * float(power) + 1 - 2 * tau)) for each in generations]
+        return [np.sum(generation ** (2 * float(power) + 1 - 2 * tau)) for generation in generations]
 
     assert sums(order - 0.01) == sorted(sums(order - 0.01), reverse=True)
     assert sums(order + 0.01) == sorted(sums(order + 0.01))
@@ -99,24 +99,24 @@ def singles(generations=3, polygon=square()):  # noqa: B008
 def test_the_atom_is_the_sum_of_single_ones(polygon):
     rng = np.random.default_rng(0)
     points = polygon.lengths[0] * np.column_stack([rng.random(3000), 0.12 * rng.random(3000)])
-    found = atom(3, polygon).value_gradient_and_source(points)
-    expected = zip(*(each.value_gradient_and_source(points) for each in singles(3, polygon)), strict=True)
-    for values, of_singles, off in zip(found, expected, (1e-14, 1e-13, 1e-12), strict=True):
-        np.testing.assert_allclose(values, sum(of_singles), rtol=0, atol=off)
+    value_gradient = atom(3, polygon).value_gradient_and_source(points)
+    expected = zip(*(single.value_gradient_and_source(points) for single in singles(3, polygon)), strict=True)
+    for values, single_values, displaced in zip(value_gradient, expected, (1e-14, 1e-13, 1e-12), strict=True):
+        np.testing.assert_allclose(values, sum(single_values), rtol=0, atol=displaced)
 
 
-def test_its_trace_and_flux_are_the_sums_too():
+def test_the_trace_and_flux_of_the_atom_are_sums_of_single_ones():
     t = np.linspace(0, 1, 2001)
     along = SidePoints(t, t, 0 * t)
-    found = atom().trace_and_normal_flux(0, along)
+    trace = atom().trace_and_normal_flux(0, along)
     expected = [e.trace_and_normal_flux(0, along) for e in singles()]
-    np.testing.assert_allclose(found[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found[1], sum(flux for _, flux in expected), rtol=0, atol=1e-13)
-    assert found[1].min() >= 0
+    np.testing.assert_allclose(trace[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(trace[1], sum(flux for _, flux in expected), rtol=0, atol=1e-13)
+    assert trace[1].min() >= 0
 
 
 @pytest.mark.parametrize("gamma", [Q(1), Q(3, 2), Q(2), Q(1, 2)])
-def test_the_gap_by_hand(gamma):
+def test_the_gap_has_the_tops_of_its_tents(gamma):
     """The top of a tent of length l is (l/4)^gamma, or a hundredth of it on what is left."""
     value = compile_numpy([cantor_gap(family(2), gamma)], "t")
     first = 443 / 1600
@@ -136,17 +136,17 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
 
     lambda is in H^sigma for sigma < 1/3 + (1 - d)/2, u - g in H^tau for tau < gamma + (1 - d)/2.
     """
-    found = certified(name)
+    certificate = load_certificate(name)
     case = load(name)
-    assert found.hypotheses == {"j": True, "jj": GAPS[name] >= 1, "jjj": False}
-    assert found.g_regular == (GAPS[name] >= 3 / 2)
+    assert certificate.hypotheses == {"j": True, "jj": GAPS[name] >= 1, "jjj": False}
+    assert certificate.g_regular == (GAPS[name] >= 3 / 2)
     d = np.log(2) / np.log(3)
     assert case.gap_order == pytest.approx(GAPS[name] + (1 - d) / 2, rel=1e-12)
     assert case.atoms[0].flux_order == pytest.approx(1 / 3 + (1 - d) / 2, rel=1e-12)
     expected = np.array(sorted(case.atoms[0].cantor_set.sort_intervals()[0]), dtype=float)
-    np.testing.assert_allclose([c[1:] for c in found.contact], expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose([c[1:] for c in certificate.contact], expected, rtol=0, atol=1e-14)
     transitions = np.round(case.transitions(), 12)
-    assert np.isin(np.round([t for _, *both in found.contact for t in both], 12), transitions).all()
+    assert np.isin(np.round([t for _, *pair in certificate.contact for t in pair], 12), transitions).all()
 
 
 def test_u_is_not_in_H2_for_less_regular_fluxes(case_like):

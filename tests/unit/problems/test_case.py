@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sentences
-from conftest import case_file, certified, load
+from conftest import case_file, load, load_certificate
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
@@ -80,11 +80,11 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     points = inside(case.polygon, 400)
     level = [np.abs(kink.signed_distances(points)) for kink in case.kinks()]
     singular = case.singular_points()
-    at = case.polygon.at(
+    position = case.polygon.at(
         np.array([p.side for p in singular], dtype=np.intp),
         np.array([p.t * case.polygon.lengths[p.side] for p in singular]),
     )
-    away = [np.hypot(*(points - p).T) for p in at]
+    away = [np.hypot(*(points - p).T) for p in position]
     points = points[np.min([np.ones(len(points)), *level, *away], axis=0) > 0.02]
     assert len(points) > 100
     u, gradient = case.value_and_gradient(points)
@@ -93,11 +93,15 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     np.testing.assert_allclose(gradient, by_differences, rtol=0, atol=1e-6 * scale)
     np.testing.assert_allclose(case.source(points), u - laplacian, rtol=0, atol=1e-4 * scale)
     assert not np.allclose(case.source(points), u + laplacian, rtol=0, atol=1e-4 * scale)
-    for together, alone in zip(case.value_gradient_and_source(points), (u, gradient), strict=False):
-        np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12 * scale)
+    for together, single in zip(case.value_gradient_and_source(points), (u, gradient), strict=False):
+        np.testing.assert_allclose(together, single, rtol=0, atol=1e-12 * scale)
 
 
-PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("violates_jjj", "square", 0)]
+PLACED = [
+    *PLACES,
+    *((name, position[0], 0) for name, position in IRREGULAR.items()),
+    ("violates_jjj", "square", 0),
+]
 
 
 @pytest.mark.parametrize(("name", "polygon", "side"), PLACED)
@@ -127,14 +131,14 @@ def test_a_case_vanishes_on_a_circle_beyond_its_cutoff(name, reach, inside, radi
 ROOT_FLUXES = [  # the case, where it is put, the start and the cutoff of the flux, and its rounding
     *((*place, 1 / 3, 1 / 4, 1e-14) for place in PLACES if place[0] == "thirds"),
     *(
-        ("vertex", *at, 0, 5 / 12, 1e-12)
-        for at in (("square", 0), ("square", 3), ("lshape", 0), ("lshape", 5))
+        ("vertex", *position, 0, 5 / 12, 1e-12)
+        for position in (("square", 0), ("square", 3), ("lshape", 0), ("lshape", 5))
     ),
 ]
 
 
 @pytest.mark.parametrize(("name", "polygon", "side", "start", "cutoff", "rounding"), ROOT_FLUXES)
-def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
+def test_the_flux_of_a_root_is_its_closed_form_on_its_own_side(name, polygon, side, start, cutoff, rounding):
     """lambda = s_+^(1/2) (1 - (s/cutoff)^2)_+^4 on the own side, else 0; s = t - start in side lengths.
 
     At a vertex, sides of other lengths see the cutoff's end from coordinates.
@@ -167,8 +171,8 @@ def test_traces_are_limits_from_inside(name, polygon, side):
 def test_distances_along_a_side_do_not_round():
     """1/3 + 1e-20 is 1/3, its distance from there is not 0."""
     third = np.array([1 / 3])
-    off = np.array([1e-20])
-    assert SidePoints(third + off, third, off).distance_from(1 / 3).tolist() == [1e-20]
+    displaced = np.array([1e-20])
+    assert SidePoints(third + displaced, third, displaced).distance_from(1 / 3).tolist() == [1e-20]
 
 
 @pytest.mark.parametrize(
@@ -185,13 +189,15 @@ def test_distances_along_a_side_do_not_round():
     ],
 )
 @pytest.mark.parametrize("size", [1.0, 8.0])
-def test_where_curves_cross_the_sides(kink, crossings, size):
+def test_crossings_of_curves_with_sides_are_those_by_hand(kink, crossings, size):
     """By hand, as fractions of the sides of the square; a curve along a side or through a vertex is on it."""
     centre = (size * kink.centre[0], size * kink.centre[1])
     large = Kink(centre, size * kink.radius, kink.tangent)
-    found = large.crossings(Polygon(size * square().vertices))
-    assert sorted((p.side, p.t) for p in found) == [(side, pytest.approx(t)) for side, t in crossings]
-    assert {p.grading for p in found} <= {1}
+    singular_points = large.crossings(Polygon(size * square().vertices))
+    assert sorted((p.side, p.t) for p in singular_points) == [
+        (side, pytest.approx(t)) for side, t in crossings
+    ]
+    assert {p.grading for p in singular_points} <= {1}
 
 
 TEST_FUNCTIONS = ("1", "x", "y", "x*y", "cos(3*x + y)")
@@ -202,7 +208,11 @@ GREEN = [  # a place, the test function, None for u itself, h, the degree of the
             ("natural", "square", 0),
             ("full_contact", "lshape", 0),
             ("no_contact", "lshape", 0),
-            *((name, *at) for name in ("smooth", "thirds") for at in (("square", 1), ("lshape", 2))),
+            *(
+                (name, *position)
+                for name in ("smooth", "thirds")
+                for position in (("square", 1), ("lshape", 2))
+            ),
         )
         for v in TEST_FUNCTIONS
     ],
@@ -217,8 +227,8 @@ def sample(place, h, degree):
     case = load(*place)
     inner = []
     for rule in triangle_rules(make_structured_mesh(case.polygon, h), case, degree):
-        where = rule.origin, rule.offset
-        inner.append((rule, *case.value_and_gradient(*where), case.source(*where)))
+        u, gradient = case.value_and_gradient(rule.origin, rule.offset)
+        inner.append((rule, u, gradient, case.source(rule.origin, rule.offset)))
     rule = boundary_rule(case.polygon, case.polygon.starts, case.singular_points())
     u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     return inner, (case.polygon.at(rule.side, rule.s), rule.weight, u, flux)
@@ -238,14 +248,14 @@ def greens_defect(place, v, h, degree, source=1.0):
     return abs(defect) / (max(1.0, scale) if v else scale)
 
 
-@pytest.mark.parametrize(("place", "v", "h", "degree", "most"), GREEN, ids=str)
-def test_u_f_and_lambda_belong_together(place, v, h, degree, most):
+@pytest.mark.parametrize(("place", "v", "h", "degree", "maximum"), GREEN, ids=str)
+def test_u_f_and_lambda_belong_together(place, v, h, degree, maximum):
     """Green's formula, (1.1)-(1.2), on meshes with edges along straight kinks; by smooth functions and by u.
 
     For `rough` |grad u|^2 is like r^(-1.9), lambda u like r^(-0.9). The f of `violates_jjj` has a kink
     at every cutoff's end.
     """
-    assert greens_defect(place, v, h, degree) < most
+    assert greens_defect(place, v, h, degree) < maximum
 
 
 def test_greens_formula_sees_a_wrong_source():
@@ -263,9 +273,11 @@ def test_the_flux_does_not_depend_on_the_size(name):
     np.testing.assert_allclose(U, 10 * u, rtol=0, atol=1e-13)
     np.testing.assert_allclose(GAP, gap, rtol=0, atol=1e-13)
     certify_case(large)
-    for one, other in zip(load(name).kinks(), large.kinks(), strict=True):
+    for kink, other_kink in zip(load(name).kinks(), large.kinks(), strict=True):
         points = inside(square(), 20)
-        np.testing.assert_allclose(other.signed_distances(10 * points), 10 * one.signed_distances(points))
+        np.testing.assert_allclose(
+            other_kink.signed_distances(10 * points), 10 * kink.signed_distances(points)
+        )
     points = np.array([[0.37, 0.01], [0.43, 0.11], [0.5, 0.2]])
     by_differences, laplacian = differences(lambda p: large.value_and_gradient(p)[0], 10 * points, 1e-2)
     u_large, gradient = large.value_and_gradient(10 * points)
@@ -273,7 +285,7 @@ def test_the_flux_does_not_depend_on_the_size(name):
     np.testing.assert_allclose(large.source(10 * points), u_large - laplacian, rtol=1e-5)
 
 
-def test_natural_by_complex_arithmetic():
+def test_natural_is_that_by_complex_arithmetic():
     """u = -Im z^(3/2) + 4 |z|^2, z = x - 1/2 + iy; the principal branch is continuous on Im z >= 0."""
     points = np.vstack([inside(square(), 500), [[0.2, 0.0], [0.8, 0.0], [0.5, 0.0], [0.0, 0.0]]])
     z = points[:, 0] - 0.5 + 1j * points[:, 1]
@@ -301,7 +313,7 @@ def contact(name, polygon, side):
 
 
 @pytest.mark.parametrize(
-    ("name", "polygon", "side"), [*PLACES, *((n, at[0], 0) for n, at in IRREGULAR.items())]
+    ("name", "polygon", "side"), [*PLACES, *((n, position[0], 0) for n, position in IRREGULAR.items())]
 )
 def test_every_case_is_certified(name, polygon, side):
     """The hypotheses as the catalogue of the design states them.
@@ -310,15 +322,17 @@ def test_every_case_is_certified(name, polygon, side):
     lambda is unbounded where it is like r^(-1/3), at a held corner, or like s^alpha with alpha < 0.
     """
     case = load(name, polygon, side)
-    found = certified(name, polygon, side)
+    certificate = load_certificate(name, polygon, side)
     hypotheses = IRREGULAR[name][1] if name in IRREGULAR else (True, True, True)
-    assert tuple(found.hypotheses.values()) == tuple(case.declaration["hypotheses"].values()) == hypotheses
+    assert (
+        tuple(certificate.hypotheses.values()) == tuple(case.declaration["hypotheses"].values()) == hypotheses
+    )
     expected = np.array(contact(name, polygon, side)).reshape(-1, 3)
-    np.testing.assert_allclose(np.array(found.contact).reshape(-1, 3), expected, rtol=0, atol=1e-14)
-    assert found.g_regular == (name not in GAPS_WITH_KINKS)
-    assert math.isinf(found.max_multiplier) == (name in ("violates_j", "singular", "rough"))
-    assert (found.max_gap == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
-    assert (found.max_multiplier < 1e-14) == (name == "no_contact")
+    np.testing.assert_allclose(np.array(certificate.contact).reshape(-1, 3), expected, rtol=0, atol=1e-14)
+    assert certificate.g_regular == (name not in GAPS_WITH_KINKS)
+    assert math.isinf(certificate.max_multiplier) == (name in ("violates_j", "singular", "rough"))
+    assert (certificate.max_gap == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
+    assert (certificate.max_multiplier < 1e-14) == (name == "no_contact")
 
 
 @pytest.mark.parametrize("hypothesis", ["j", "jj", "jjj"])
@@ -348,7 +362,7 @@ def gap(formula, elsewhere="sqrt(3)/9"):
 
 
 @pytest.fixture
-def declared(tmp_path):
+def declare_thirds(tmp_path):
     """A file like `thirds` with other fields in place of some; a field None is left out."""
     return lambda **changed: case_file(tmp_path, "thirds", **changed)
 
@@ -359,9 +373,9 @@ def refusal(file, polygon="square", side=0):
     return str(error.value)
 
 
-def test_an_own_file_is_a_case(declared):
+def test_an_own_file_is_a_case(declare_thirds):
     """The file that the refusals below change is itself certified."""
-    case = cases.load_solution(declared(), square(), 2)
+    case = cases.load_solution(declare_thirds(), square(), 2)
     assert case.name == "mine"
     assert certify_case(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
 
@@ -370,7 +384,7 @@ FAR = "1e10*t + sqrt(3)/9", "1e10 + sqrt(3)/9"
 """A gap that grows on side 1 and is large on side 2."""
 
 
-def with_large_gaps(first, last):
+def declare_large_gaps(first, last):
     """A gap on side 0, and one on side 3, beside those that are large."""
     formulas = first, *FAR, last
     sides = [{"side": i, "formula": formula} for i, formula in enumerate(formulas)]
@@ -379,8 +393,8 @@ def with_large_gaps(first, last):
 
 LATE = "pos(1/3 - t, 3/2) + pos(t - 5/6, 3/2)"
 NOT_CERTIFIED = [
-    (with_large_gaps(GAP, "1e10*(1 - t) + sqrt(3)/9 + 1/200"), r"side 0, t = 0: g jumps by 0.00499"),
-    (with_large_gaps(f"{GAP} - t*(1 - t)/200", "1e10*(1 - t) + sqrt(3)/9"), r"side 0, .*: u - g < 0"),
+    (declare_large_gaps(GAP, "1e10*(1 - t) + sqrt(3)/9 + 1/200"), r"side 0, t = 0: g jumps by 0.00499"),
+    (declare_large_gaps(f"{GAP} - t*(1 - t)/200", "1e10*(1 - t) + sqrt(3)/9"), r"side 0, .*: u - g < 0"),
     ({"u": [HARMONIC | {"times": -1}]}, r"at \(0.333333, 0\), side 0.*lambda = du/dn < 0"),
     ({"u": smooth("-y*(x - 1/4)")}, r"at \(0.000249875, 0\), side 0.*lambda = du/dn < 0"),
     (gap("pos(1/3 - t, 3/2) + pos(4/5*(t - 1/2), 3/2)"), r"at \(0.5, 0\), side 0, t = 0.5: .* is not 0"),
@@ -424,18 +438,18 @@ BAD_FIELDS = [
 ]
 
 
-@pytest.mark.parametrize(("changed", "said"), NOT_CERTIFIED)
-def test_what_is_not_certified_is_refused_with_the_point(declared, changed, said):
-    assert re.match(f"case 'mine'.*{said}", refusal(declared(**changed)))
+@pytest.mark.parametrize(("changed", "message"), NOT_CERTIFIED)
+def test_what_is_not_certified_is_refused_with_the_point(declare_thirds, changed, message):
+    assert re.match(f"case 'mine'.*{message}", refusal(declare_thirds(**changed)))
 
 
-@pytest.mark.parametrize(("changed", "said"), BAD_FIELDS)
-def test_bad_fields_are_named(declared, changed, said):
-    assert re.search(said, refusal(declared(**changed)))
+@pytest.mark.parametrize(("changed", "message"), BAD_FIELDS)
+def test_bad_fields_are_named(declare_thirds, changed, message):
+    assert re.search(message, refusal(declare_thirds(**changed)))
 
 
 @pytest.mark.parametrize(
-    ("name", "polygon", "side", "said"),
+    ("name", "polygon", "side", "message"),
     [
         *[("natural", "square", side, "on 'square' at (") for side in (1, 2, 3)],  # there is lambda > 0 below
         ("natural", "lshape", 0, "is for square, not for 'lshape'"),
@@ -444,18 +458,18 @@ def test_bad_fields_are_named(declared, changed, said):
         ("nowhere.yaml", "square", 0, "there is no file nowhere.yaml"),
     ],
 )
-def test_wrong_places(name, polygon, side, said):
-    assert said in refusal(name, polygon, side)
+def test_wrong_places_are_refused_with_the_reason(name, polygon, side, message):
+    assert message in refusal(name, polygon, side)
 
 
-def test_a_constant_without_a_value(declared):
+def test_a_constant_without_a_value_on_the_polygon_is_refused(declare_thirds):
     triangle = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
-    file = declared(polygons="any", constants={"c1": {"square": "1/2"}})
+    file = declare_thirds(polygons="any", constants={"c1": {"square": "1/2"}})
     with sentences.raises(InputError):
         cases.load_solution(file, triangle)
 
 
-def test_a_harmonic_atom_without_a_cutoff_needs_a_half_plane(declared):
+def test_a_harmonic_atom_without_a_cutoff_needs_a_half_plane(declare_thirds):
     endless = {key: value for key, value in HARMONIC.items() if key != "cutoff"}
-    message = refusal(declared(u=[endless]), "lshape", 1)
+    message = refusal(declare_thirds(u=[endless]), "lshape", 1)
     assert "a harmonic atom on side 1 of 'lshape' needs a cutoff" in message

@@ -22,24 +22,26 @@ ROUNDING = 1e-11
 """Values in points are rounded by less than this fraction of the largest one."""
 
 
-def on_boxes(polygon, arm):
+def draw_boxes(polygon, arm):
     """x and y on boxes with centres in the polygon, more of them near its sides, and points (9, n, 2)."""
     rng = np.random.default_rng(1)
     n = 400 if arm == 0 else 150
     low = polygon.vertices.min(axis=0)
     high = polygon.vertices.max(axis=0)
     side = rng.integers(polygon.n_sides, size=n)
-    at = polygon.at(side, rng.random(n) * polygon.lengths[side])
+    position = polygon.at(side, rng.random(n) * polygon.lengths[side])
     inner = low + (high - low) * rng.random((n, 2))
-    centre = np.where(rng.random((n, 1)) < 0.5, inner, at + 0.3 * rng.random((n, 1)) * (inner - at))
+    centre = np.where(
+        rng.random((n, 1)) < 0.5, inner, position + 0.3 * rng.random((n, 1)) * (inner - position)
+    )
     centre = centre[polygon.contains(centre)]
     arms = arm * polygon.diameter * rng.uniform(-0.5, 0.5, (2, 2, len(centre)))
     sigma = np.concatenate([rng.uniform(-1, 1, (5, 2)), [[1, 1], [1, -1], [-1, 1], [-1, -1]]])
     points = centre + np.einsum("qi,dik->qkd", sigma, arms)
     reach = np.abs(arms).sum(axis=1)
     models = [
-        affine_model(monomial_basis(2, 4), c, of, (c - r, c + r))
-        for c, of, r in zip(centre.T, arms, reach, strict=True)
+        affine_model(monomial_basis(2, 4), c, item, (c - r, c + r))
+        for c, item, r in zip(centre.T, arms, reach, strict=True)
     ]
     return models, sigma, points
 
@@ -60,7 +62,7 @@ def test_no_value_leaves_its_enclosure(name, polygon, size, arm):
     the largest one larger leave some of the points.
     """
     case = load_of_size(name, polygon, size)
-    (x, y), sigma, points = on_boxes(case.polygon, arm)
+    (x, y), sigma, points = draw_boxes(case.polygon, arm)
     inside = case.polygon.contains(points.reshape(-1, 2)).reshape(points.shape[:2])
     assert inside.sum() > 500
     powers = np.prod(sigma[:, None] ** x.basis.exponents, axis=2)

@@ -9,7 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 import sympy
-from symbolic import THETA, D, R, T, X, Y, pos, with_digits
+from symbolic import THETA, D, R, T, X, Y, compile_mpmath, pos
 
 from unilateral.geometry.polygon import Polygon, find_polygon, square
 from unilateral.problems import case as cases
@@ -31,9 +31,9 @@ PLACES = [
 
 
 @cache
-def compiled(expression, *symbols):
+def compile_with_digits(expression, *symbols):
     """A function of numbers with DIGITS, made once for all polygons."""
-    return with_digits(expression, *symbols)
+    return compile_mpmath(expression, *symbols)
 
 
 @cache
@@ -47,8 +47,8 @@ def derive(v, polar):
     laplacian = sympy.diff(v, first, 2) + sympy.diff(v, second, 2) / r**2
     if polar:
         laplacian += along / r
-    parts = [compiled(e, *symbols) for e in (v, along, across, laplacian)]
-    return lambda first, second: [part(first, second) for part in parts]
+    components = [compile_with_digits(e, *symbols) for e in (v, along, across, laplacian)]
+    return lambda first, second: [component(first, second) for component in components]
 
 
 def cut_off(v, entry):
@@ -89,7 +89,7 @@ def quotient(fraction):
     return mpmath.mpf(fraction.p) / fraction.q
 
 
-def turned(derived):
+def turn_derivatives(derived):
     """The parts of an atom in polar coordinates, in Cartesian ones with the same origin."""
 
     def parts(along, into):
@@ -105,11 +105,11 @@ def turned(derived):
 
 def sum_of_intervals(intervals):
     """The sum of atoms (a, b, their parts), each of which is 0 beyond the distance b - a from a."""
-    places = [(quotient(a), quotient(b - a), turned(derived)) for a, b, derived in intervals]
+    places = [(quotient(a), quotient(b - a), turn_derivatives(derived)) for a, b, derived in intervals]
 
     def parts(along, into):
         near = [atom(along - a, into) for a, reach, atom in places if mpmath.hypot(along - a, into) < reach]
-        return [mpmath.fsum(each) for each in zip(*near, strict=True)] or [mpmath.mpf(0)] * 4
+        return [mpmath.fsum(item) for item in zip(*near, strict=True)] or [mpmath.mpf(0)] * 4
 
     return parts
 
@@ -138,30 +138,30 @@ class Oracle:
         if entry["atom"] == "smooth":
             u = self.formula(entry["formula"], x=X, y=Y)
             slopes = [sympy.diff(u, z) for z in (X, Y)]
-            parts = [u, *slopes, sympy.diff(slopes[0], X) + sympy.diff(slopes[1], Y)]
-            parts = [compiled(part, X, Y) for part in parts]
-            self.atoms.append(lambda x, y: [part(x, y) for part in parts])
+            components = [u, *slopes, sympy.diff(slopes[0], X) + sympy.diff(slopes[1], Y)]
+            components = [compile_with_digits(component, X, Y) for component in components]
+            self.atoms.append(lambda x, y: [component(x, y) for component in components])
             return
         side = entry["vertex"] if "vertex" in entry else (self.side + entry["side"]) % n
         if entry["atom"] == "tensor":
             cutoff = exact(entry["cutoff"])
             v = -D * self.formula(entry["profile"], t=T) * pos(1 - (D / cutoff) ** 2, 4)
-            self.atoms.append(self.on_side(side, 0, derive(v, polar=False), polar=False))
+            self.atoms.append(self.place_on_side(side, 0, derive(v, polar=False), polar=False))
         elif entry["atom"] == "cantor":
             unit = {"alpha": entry["alpha"], "cutoff": 1}
             derived = derive(cut_off(polar_factor(unit, None), unit), polar=True)
             alpha = exact(entry["alpha"])
-            intervals = [(a, b, self.scaled(derived, b - a, alpha)) for a, b in contact_intervals(entry)]
-            self.atoms.append(self.on_side(side, 0, sum_of_intervals(intervals), polar=False))
+            intervals = [(a, b, self.scale_atom(derived, b - a, alpha)) for a, b in contact_intervals(entry)]
+            self.atoms.append(self.place_on_side(side, 0, sum_of_intervals(intervals), polar=False))
         else:
             angle = (
                 sympy.nsimplify(self.polygon.angles[side] / np.pi, rational=True, tolerance=1e-9) * sympy.pi
             )
             derived = derive(cut_off(polar_factor(entry, angle), entry), polar=True)
-            self.atoms.append(self.on_side(side, exact(entry.get("at", 0)), derived))
+            self.atoms.append(self.place_on_side(side, exact(entry.get("at", 0)), derived))
 
     @staticmethod
-    def scaled(derived, length, alpha):
+    def scale_atom(derived, length, alpha):
         """The unit atom on a contact of another length: v(r) = l^(1 + alpha) v_1(r / l)."""
         size = quotient(length)
 
@@ -172,7 +172,7 @@ class Oracle:
 
         return parts
 
-    def on_side(self, side, t, derived, polar=True):
+    def place_on_side(self, side, t, derived, polar=True):
         """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
         a = self.vertices[side % self.polygon.n_sides]
         b = self.vertices[(side + 1) % self.polygon.n_sides]
@@ -187,66 +187,72 @@ class Oracle:
             along = p * dx + q * dy
             into = p * dy - q * dx
             into = abs(into) if abs(into) < 1e-12 else into
-            v, first, second, laplacian = (turned(derived) if polar else derived)(along, into)
+            v, first, second, laplacian = (turn_derivatives(derived) if polar else derived)(along, into)
             return length * v, first * p - second * q, first * q + second * p, laplacian / length
 
         return parts
 
-    def at(self, x, y):
+    def evaluate(self, x, y):
         """u, u_x, u_y and f = c u - Delta u."""
-        sums = [mpmath.fsum(parts) for parts in zip(*(atom(x, y) for atom in self.atoms), strict=True)]
+        sums = [
+            mpmath.fsum(components) for components in zip(*(atom(x, y) for atom in self.atoms), strict=True)
+        ]
         u, u_x, u_y, laplacian = sums
         return u, u_x, u_y, self.declaration.get("c", 1) * u - laplacian
 
     def values(self, points):
         """u, u_x, u_y and f at points (k, 2)."""
         with mpmath.workdps(DIGITS):
-            return np.array([self.at(*map(mpmath.mpf, point)) for point in points.tolist()], dtype=float).T
+            return np.array(
+                [self.evaluate(*map(mpmath.mpf, point)) for point in points.tolist()], dtype=float
+            ).T
 
     def gap(self, side, t):
         """The gap at places t (k,) of a side."""
         n = self.polygon.n_sides
         declared = self.declaration["gap"]
-        here = [e for e in declared.get("sides", []) if (self.side + e["side"]) % n == side]
-        if side in self.clamped:
+        position = [e for e in declared.get("sides", []) if (self.side + e["side"]) % n == side]
+        if side in self.clamped_sides:
             gap = sympy.Integer(0)
-        elif here and "cantor" in here[0]:
-            gap = cantor_gap(here[0]["cantor"])
+        elif position and "cantor" in position[0]:
+            gap = cantor_gap(position[0]["cantor"])
         else:
-            gap = self.formula(here[0]["formula"] if here else declared["elsewhere"], t=T)
-        value = compiled(gap, T)
+            gap = self.formula(position[0]["formula"] if position else declared["elsewhere"], t=T)
+        value = compile_with_digits(gap, T)
         with mpmath.workdps(DIGITS):
-            return np.array([value(mpmath.mpf(each)) for each in t.tolist()], dtype=float)
+            return np.array([value(mpmath.mpf(item)) for item in t.tolist()], dtype=float)
 
     @property
-    def clamped(self):
+    def clamped_sides(self):
         entries = self.declaration.get("clamped", [])
         return {(self.side + entry["side"]) % self.polygon.n_sides for entry in entries}
 
 
-def removed(entry):
+def list_removed_intervals(entry):
     """The intervals that each generation removes, and those that are left."""
     keep = exact(entry["keep"])
     inset = exact(entry["inset"])
-    left = [(inset, 1 - inset)]
+    remaining_pieces = [(inset, 1 - inset)]
     generations = []
     for _ in range(entry["generations"]):
-        generations.append([(a + keep * (b - a), b - keep * (b - a)) for a, b in left])
-        left = [piece for a, b in left for piece in ((a, a + keep * (b - a)), (b - keep * (b - a), b))]
-    return generations, left
+        generations.append([(a + keep * (b - a), b - keep * (b - a)) for a, b in remaining_pieces])
+        remaining_pieces = [
+            piece for a, b in remaining_pieces for piece in ((a, a + keep * (b - a)), (b - keep * (b - a), b))
+        ]
+    return generations, remaining_pieces
 
 
 def contact_intervals(entry):
-    return [interval for generation in removed(entry)[0][::2] for interval in generation]
+    return [interval for generation in list_removed_intervals(entry)[0][::2] for interval in generation]
 
 
 def cantor_gap(entry):
     """By the README: tents on what even generations remove, DUST times such tents on what is left."""
-    generations, left = removed(entry)
+    generations, remaining = list_removed_intervals(entry)
     inset = exact(entry["inset"])
     gamma = exact(entry["gamma"])
     tents = [(1, pair) for generation in generations[1::2] for pair in generation]
-    tents += [(sympy.Rational(UNREMOVED_GAP_FACTOR), pair) for pair in left]
+    tents += [(sympy.Rational(UNREMOVED_GAP_FACTOR), pair) for pair in remaining]
     return (
         pos(inset - T, gamma)
         + pos(T - 1 + inset, gamma)
@@ -265,8 +271,8 @@ def inside(polygon, numbers, rng):
     dy = points[:, None, 1]
     crossed = (a[:, 1] > dy) != (b[:, 1] > dy)
     with np.errstate(all="ignore"):
-        left = dx < a[:, 0] + (dy - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    within = np.sum(crossed & left, axis=1) % 2 == 1
+        remaining = dx < a[:, 0] + (dy - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    within = np.sum(crossed & remaining, axis=1) % 2 == 1
     shift = np.clip(np.sum((points[:, None] - a) * (b - a), axis=2) / np.sum((b - a) ** 2, axis=1), 0, 1)
     apart = np.linalg.norm(points[:, None] - a - shift[..., None] * (b - a), axis=2).min(axis=1)
     return points[within & (apart > 0.003)][:numbers]
@@ -287,7 +293,7 @@ def deviations(name, polygon, times=1.0, numbers=8):
         "grad u": np.abs(expected[1:3]).max(),
         "f": np.abs(expected[3]).max(),
     }
-    found = {
+    computed = {
         "u": np.abs(times * u - expected[0]).max() / sizes["u"],
         "grad u": np.abs(times * gradient.T - expected[1:3]).max() / sizes["grad u"],
         "f": np.abs(times * f - expected[3]).max() / sizes["f"],
@@ -301,19 +307,21 @@ def deviations(name, polygon, times=1.0, numbers=8):
         exact_gap = oracle.gap(side, t)
         normal = polygon.normals[side]
         exact_flux = (
-            0 * t if side in oracle.clamped else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
+            0 * t
+            if side in oracle.clamped_sides
+            else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
         )
-        of_u = max(sizes["u"], np.abs(exact_gap).max())
-        found[f"lambda on side {side}"] = np.abs(flux - exact_flux).max() / sizes["grad u"]
-        found[f"gap on side {side}"] = np.abs(gap - exact_gap).max() / of_u
-        found[f"g on side {side}"] = np.abs(trace - gap - (exact_trace - exact_gap)).max() / of_u
-    return found
+        u_scale = max(sizes["u"], np.abs(exact_gap).max())
+        computed[f"lambda on side {side}"] = np.abs(flux - exact_flux).max() / sizes["grad u"]
+        computed[f"gap on side {side}"] = np.abs(gap - exact_gap).max() / u_scale
+        computed[f"g on side {side}"] = np.abs(trace - gap - (exact_trace - exact_gap)).max() / u_scale
+    return computed
 
 
 @pytest.mark.parametrize(("name", "polygon"), PLACES)
 def test_what_is_derived_is_what_sympy_derives(name, polygon):
-    found = deviations(name, find_polygon(polygon))
-    assert max(found.values()) < ROUNDING, found
+    largest_deviations = deviations(name, find_polygon(polygon))
+    assert max(largest_deviations.values()) < ROUNDING, largest_deviations
 
 
 @pytest.mark.parametrize("name", ["thirds", "smooth", "clamped_90"])
@@ -325,5 +333,5 @@ def test_the_size_of_the_side_is_known_to_the_derivation(name):
 @pytest.mark.parametrize("name", ["thirds", "smooth", "full_contact", "violates_jjj"])
 def test_a_deviation_of_1e_10_is_noticed(name):
     """Control."""
-    found = deviations(name, square(), times=1 + 1e-10)
-    assert min(found["u"], found["grad u"], found["f"]) > 10 * ROUNDING
+    largest_deviations = deviations(name, square(), times=1 + 1e-10)
+    assert min(largest_deviations["u"], largest_deviations["grad u"], largest_deviations["f"]) > 10 * ROUNDING

@@ -27,13 +27,15 @@ def pair():
     With X = (c/k)^{1/2} x, v = k^{1/2} u solves the problem with k = c = 1, k^{1/2} f / c in place of f and
     k^{1/2} g in place of g. So f = c k^{-1/2} f' = 2e6 f', with f' and g' the formulas on the unit square.
     """
-    one = ul.Problem(UNIT, f=F, g=G)
-    other = ul.Problem(
+    problem = ul.Problem(UNIT, f=F, g=G)
+    other_problem = ul.Problem(
         PLATE, f=f"2e6*({IN_METRES['f']})", g=f"({IN_METRES['g']})/2", k=4, c="4000000", name="plate"
     )
-    mesh = make_unstructured_mesh(one.polygon, 1 / 16)
-    small = from_arrays(other.polygon, SIDE * mesh.points, mesh.triangles)
-    return ul.solve(one, mesh=mesh, H=1 / 8, stop=STOP), ul.solve(other, mesh=small, H=SIDE / 8, stop=STOP)
+    mesh = make_unstructured_mesh(problem.polygon, 1 / 16)
+    small = from_arrays(other_problem.polygon, SIDE * mesh.points, mesh.triangles)
+    return ul.solve(problem, mesh=mesh, H=1 / 8, stop=STOP), ul.solve(
+        other_problem, mesh=small, H=SIDE / 8, stop=STOP
+    )
 
 
 def test_u_lambda_gap_and_forces_are_the_same_in_other_units(pair):
@@ -41,27 +43,29 @@ def test_u_lambda_gap_and_forces_are_the_same_in_other_units(pair):
 
     Exact but for rounding; control: v itself is not u.
     """
-    one, other = pair
-    assert other.u == pytest.approx(one.u / 2, abs=1e-12)
-    assert other.multiplier == pytest.approx(2000 * one.multiplier, abs=2000 * 1e-10)
-    assert other.gap == pytest.approx(one.gap / 2, abs=1e-12)
-    assert other.mesh.points == pytest.approx(SIDE * one.mesh.points, abs=1e-15)
-    assert (other.mesh.h, other.partition.H) == pytest.approx((SIDE * one.mesh.h, SIDE * one.partition.H))
-    assert other.cells().end.iloc[-1] == 4 * SIDE
-    for mine, theirs in zip(one.forces().sides, other.forces().sides, strict=True):
+    first, second = pair
+    assert second.u == pytest.approx(first.u / 2, abs=1e-12)
+    assert second.multiplier == pytest.approx(2000 * first.multiplier, abs=2000 * 1e-10)
+    assert second.gap == pytest.approx(first.gap / 2, abs=1e-12)
+    assert second.mesh.points == pytest.approx(SIDE * first.mesh.points, abs=1e-15)
+    assert (second.mesh.h, second.partition.H) == pytest.approx(
+        (SIDE * first.mesh.h, SIDE * first.partition.H)
+    )
+    assert second.cells().end.iloc[-1] == 4 * SIDE
+    for mine, theirs in zip(first.forces().sides, second.forces().sides, strict=True):
         assert theirs == pytest.approx([2 * number for number in mine], rel=1e-6)
 
 
 def test_bounds_are_those_of_the_same_problem_in_other_units(pair):
     """(k |u|_1^2 + c ||u||_0^2)^{1/2} = ||v||_1, and the dual norm likewise."""
-    one, other = pair
-    assert other.bounds.u == pytest.approx(one.bounds.u, rel=1e-6)
-    assert other.bounds.multiplier == pytest.approx(one.bounds.multiplier, rel=1e-6)
-    assert other.bounds.unknown == pytest.approx(one.bounds.unknown, rel=0.01)
+    first, second = pair
+    assert second.bounds.u == pytest.approx(first.bounds.u, rel=1e-6)
+    assert second.bounds.multiplier == pytest.approx(first.bounds.multiplier, rel=1e-6)
+    assert second.bounds.unknown == pytest.approx(first.bounds.unknown, rel=0.01)
 
 
 @pytest.mark.parametrize(("k", "c"), [(2, "3000000"), ("1/7", "100000"), (1, "50")])
-def test_the_bound_of_a_known_solution(k, c):
+def test_the_bound_is_above_the_error_of_a_known_solution_in_the_energy_norm(k, c):
     """u = 50 |x - m|^2 + x, full contact: lambda = k (100 (x - m) + e_1) . n > 0 on all sides, f follows.
 
     The error in the energy norm lies under the bound; a bound in another norm, such as without k, would be
@@ -72,33 +76,33 @@ def test_the_bound_of_a_known_solution(k, c):
     c_ = float(c)
     u = f"50000*((x - {m})**2 + (y - {m})**2) + 10*x"
     problem = ul.Problem(PLATE, f=f"-{k}*200000 + {c}*({u})", g=u, k=k, c=c)
-    found = ul.solve(problem, h=SIDE / 16, H=SIDE / 8)
-    error = energy_error(found, m, k_, c_)
-    assert error <= found.bounds.u <= 3 * error
+    solution = ul.solve(problem, h=SIDE / 16, H=SIDE / 8)
+    error = energy_error(solution, m, k_, c_)
+    assert error <= solution.bounds.u <= 3 * error
     exact = [k_ * SIDE * (100000 * m + 10 * n) for n in (0, 1, 0, -1)]
-    for force, value in zip(found.forces().sides, exact, strict=True):
+    for force, value in zip(solution.forces().sides, exact, strict=True):
         assert force.lower <= value <= force.upper
         assert force.value == pytest.approx(value, rel=0.02)
 
 
-def energy_error(found, m, k, c):
+def energy_error(computed, m, k, c):
     """By a rule of degree 4, which is exact."""
-    mesh = MeshTri(found.mesh.points.T, found.mesh.triangles.T)
+    mesh = MeshTri(computed.mesh.points.T, computed.mesh.triangles.T)
     basis = Basis(mesh, ElementTriP1(), intorder=4)
-    u_h = basis.interpolate(found.u)
+    u_h = basis.interpolate(computed.u)
     places = np.asarray(basis.global_coordinates())
-    off = 50000 * (places - m)
-    slope = 2 * off + np.array([10, 0])[:, None, None] - u_h.grad
-    value = (off * (places - m)).sum(axis=0) + 10 * places[0] - np.asarray(u_h)
+    displaced = 50000 * (places - m)
+    slope = 2 * displaced + np.array([10, 0])[:, None, None] - u_h.grad
+    value = (displaced * (places - m)).sum(axis=0) + 10 * places[0] - np.asarray(u_h)
     return np.sqrt(((k * (slope**2).sum(axis=0) + c * value**2) * basis.dx).sum())
 
 
 def test_an_accuracy_is_relative_to_the_energy_norm():
     """The same levels as on the unit square up to gmsh's meshes; refused without c, as is said there."""
     fields = {"f": f"1e6*({IN_METRES['f']})", "g": IN_METRES["g"]}
-    found = ul.solve(ul.Problem(PLATE, **fields, c="1000000"), accuracy=0.05)
-    assert found.certified
-    assert SIDE / 64 < found.mesh.h < SIDE / 8
+    solution = ul.solve(ul.Problem(PLATE, **fields, c="1000000"), accuracy=0.05)
+    assert solution.certified
+    assert SIDE / 64 < solution.mesh.h < SIDE / 8
     with sentences.raises(ul.InputError):
         ul.solve(ul.Problem([(1e-9 * x, 1e-9 * y) for x, y in UNIT], f=1, g=0), h=1e-10, H=2e-10)
 
@@ -106,11 +110,11 @@ def test_an_accuracy_is_relative_to_the_energy_norm():
 def test_structured_meshes_are_there_with_coefficients_too():
     """With h the square of 8² small ones; with an accuracy one halved uniformly: (2^k + 1)² unknowns."""
     problem = ul.Problem(UNIT, f="x - 1", g=0, k=4)
-    found = ul.solve(problem, h=1 / 8, H=1 / 4, mesh="structured")
-    assert found.mesh.n_nodes == 9**2
-    found = ul.solve(problem, accuracy=0.1, mesh="structured")
-    assert found.certified
-    assert found.mesh.n_nodes in {(2**k + 1) ** 2 for k in range(1, 8)}
+    solution = ul.solve(problem, h=1 / 8, H=1 / 4, mesh="structured")
+    assert solution.mesh.n_nodes == 9**2
+    solution = ul.solve(problem, accuracy=0.1, mesh="structured")
+    assert solution.certified
+    assert solution.mesh.n_nodes in {(2**k + 1) ** 2 for k in range(1, 8)}
 
 
 def test_multigrid_has_the_levels_of_the_user_s_mesh():
@@ -146,6 +150,6 @@ def test_idle_sides_know_c():
 @pytest.mark.parametrize(("f", "g"), [("-1", "0"), ("0", "-1"), ("-1", "x*0"), ("0*x", "-1")])
 @pytest.mark.parametrize("k", ["2.1e5", "1e6", "1e-6"])
 @pytest.mark.parametrize("c", ["1", "1e-8"])
-def test_0_is_0_in_all_units(f, g, k, c):
+def test_data_of_0_are_accepted_in_all_units(f, g, k, c):
     """It is enclosed by numbers of 1e-323, which are larger in other units; and it is not refused."""
     assert ul.Problem(UNIT, f, g, k=k, c=c).polygon.n_sides == 4

@@ -14,7 +14,7 @@ TRIANGLE = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), "triangle")
 
 
 @pytest.mark.parametrize(
-    ("text", "least", "largest"),
+    ("text", "minimum", "largest"),
     [
         ("x*(1 - x)", 0, 1 / 4),
         ("sin(7*x)", -1, 1),
@@ -35,15 +35,15 @@ TRIANGLE = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), "triangle")
         ("exp(36*x)*exp(-60*x**2)*exp(-27/5)", np.exp(-60 * 0.7**2), 1),  # exp(-60 (x - 3/10)^2)
     ],
 )
-def test_known_ranges(text, least, largest):
+def test_known_ranges_are_enclosed_sharply(text, minimum, largest):
     """On the unit square: not inside the range, and no wider than the stated sharpness."""
     lower, upper = range_in_polygon(square(), parse_formula(text, ("x", "y"), "here"))
-    slack = 4 * RANGE_TOLERANCE_PER_SPREAD * (largest - least) + 1e-8 * abs(least)
-    assert least - slack <= lower <= least
+    slack = 4 * RANGE_TOLERANCE_PER_SPREAD * (largest - minimum) + 1e-8 * abs(minimum)
+    assert minimum - slack <= lower <= minimum
     assert largest <= upper <= largest + slack
 
 
-def test_samples_alone_would_not_do():
+def test_samples_alone_miss_a_narrow_well():
     """Control: the narrow well above lies between the points of a grid."""
     formula = parse_formula("1 - 2*pos(1e-4 - (x - 0.14)**2, 1)*10000", ("x", "y"), "here")
     grid = np.linspace(0, 1, 33)
@@ -57,12 +57,12 @@ def test_an_unbounded_formula_has_an_infinite_bound(text):
 
 
 @pytest.mark.parametrize(
-    ("polygon", "least"), [(TRIANGLE, -1.0), (find_polygon("lshape"), -1.0), (square(), -2.0)]
+    ("polygon", "minimum"), [(TRIANGLE, -1.0), (find_polygon("lshape"), -1.0), (square(), -2.0)]
 )
-def test_only_the_polygon_counts(polygon, least):
+def test_only_the_polygon_counts(polygon, minimum):
     """-x - y, or 1 - x - y at the L-shape's far corner (1, 1), and a pole outside of the triangle."""
     formula = parse_formula("-x - y" if polygon.name != "lshape" else "1 - x - y", ("x", "y"), "here")
-    assert range_in_polygon(polygon, formula)[0] == pytest.approx(least, abs=2e-2)
+    assert range_in_polygon(polygon, formula)[0] == pytest.approx(minimum, abs=2e-2)
     pole = parse_formula("1/(21/20 - x - y)", ("x", "y"), "here")
     assert np.isfinite(range_in_polygon(TRIANGLE, pole)[1])
 
@@ -70,28 +70,28 @@ def test_only_the_polygon_counts(polygon, least):
 @pytest.mark.parametrize("beyond", [0.1, 0.02])
 def test_a_vertex_that_hardly_reaches_into_a_box_counts(beyond):
     """The first boxes end at 1/2; the peak, of height 1 but for rounding of the vertex, is beyond."""
-    at = 0.5 + beyond
-    kite = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [at, at], [0.0, 1.0]]), "kite")
-    peak = parse_formula(f"exp(-10000*((x - {at})**2 + (y - {at})**2))", ("x", "y"), "here")
+    position = 0.5 + beyond
+    kite = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [position, position], [0.0, 1.0]]), "kite")
+    peak = parse_formula(f"exp(-10000*((x - {position})**2 + (y - {position})**2))", ("x", "y"), "here")
     assert range_in_polygon(kite, peak)[1] >= 1 - 1e-12
 
 
 def test_boxes_that_touch_the_polygon_but_for_rounding_count():
     """A vertex is the corner of each box, far from the origin; the middles of boxes are rounded."""
     polygon = Polygon(square().vertices + 1e6 / 3, "far")
-    at = polygon.vertices[0]
+    vertex = polygon.vertices[0]
     sizes = 10.0 ** np.random.default_rng(1).uniform(-9, -2, (500, 2))
-    boxes = np.stack([at - sizes, np.broadcast_to(at, sizes.shape)], axis=2)
+    boxes = np.stack([vertex - sizes, np.broadcast_to(vertex, sizes.shape)], axis=2)
     assert formula_range._locate_boxes(polygon, boxes)[0].all()
     half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
-    assert np.any(np.hypot(*(boxes.mean(axis=2) - at).T) > half)
+    assert np.any(np.hypot(*(boxes.mean(axis=2) - vertex).T) > half)
 
 
 @pytest.mark.parametrize(("power", "place"), [(2, 100), (4, 20)])
 def test_a_bound_is_sharp_where_terms_cancel(power, place):
     """(x - a)^p on [a, a + 1], expanded: its range is [0, 1]."""
-    moved = Polygon(square().vertices + np.array([place, 0.0]), "moved")
-    lower, upper = range_in_polygon(moved, plain(sympy.expand((X - place) ** power)))
+    shifted_polygon = Polygon(square().vertices + np.array([place, 0.0]), "moved")
+    lower, upper = range_in_polygon(shifted_polygon, plain(sympy.expand((X - place) ** power)))
     assert -3 * RANGE_TOLERANCE_PER_SPREAD <= lower <= 0
     assert 1 <= upper <= 1 + 3 * RANGE_TOLERANCE_PER_SPREAD
 

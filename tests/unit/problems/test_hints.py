@@ -144,13 +144,13 @@ def test_what_a_hint_says_to_write_is_read(problem_file_of, message, bad, good):
 
 def test_every_text_that_says_what_to_write_was_tried(message):
     """Texts with `write` in the code, with anything for their braces, occur in the messages above."""
-    told = "\n".join(message(bad) for bad, _ in PAIRS)
+    report = "\n".join(message(bad) for bad, _ in PAIRS)
     texts = {text for name in FILES for text in offers(ROOT / "src/unilateral" / name)}
     assert len(texts) > 20
-    assert sorted(text for text in texts - CASES if not re.search(text, told)) == []
+    assert sorted(text for text in texts - CASES if not re.search(text, report)) == []
     typed = " ".join(IN_F)
     assert [
-        each for each in (*grammar.FUNCTION_SUBSTITUTES, *grammar.LETTER_SUBSTITUTES) if each not in typed
+        word for word in (*grammar.FUNCTION_SUBSTITUTES, *grammar.LETTER_SUBSTITUTES) if word not in typed
     ] == []
 
 
@@ -162,22 +162,26 @@ def offers(file):
     """Patterns of the texts with the word `write` in a module, but for docstrings."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     inside = {
-        id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in ast.walk(node)
+        id(component)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+        for component in ast.walk(node)
     }
     plain = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr) and id(node) not in plain:
-            parts = [
-                re.escape(part.value) if isinstance(part, ast.Constant) else ".*" for part in node.values
+            escapes = [
+                re.escape(component.value) if isinstance(component, ast.Constant) else ".*"
+                for component in node.values
             ]
         elif (
             isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in inside | plain
         ):
-            parts = [re.escape(node.value)]
+            escapes = [re.escape(node.value)]
         else:
             continue
-        if re.search(r"\bwrite\b", "".join(parts)):
-            yield "".join(parts)
+        if re.search(r"\bwrite\b", "".join(escapes)):
+            yield "".join(escapes)
 
 
 def test_a_text_that_nothing_says_is_noticed(tmp_path):

@@ -57,7 +57,9 @@ def polar(kind, alpha=None, vertex=2):
     ],
     ids=["1/2", "-1/4", "-1/2", "free", "held", "free at 90 degrees", "transition"],
 )
-def test_what_is_bounded_on_the_sides(atom, lipschitz, flux_bounded, flux_in_L2, in_H2):
+def test_the_regularity_of_an_atom_follows_from_its_exponent(
+    atom, lipschitz, flux_bounded, flux_in_L2, in_H2
+):
     """u is like r^beta on a side or 0 there, lambda like r^(beta - 1) or 0, beta = 1 + alpha or pi/omega.
 
     So with beta < 1 a trace is Lipschitz, or a flux bounded, only if it vanishes on both sides.
@@ -75,10 +77,10 @@ def test_a_transition_needs_no_logarithm(alpha, refused):
         polar("transition", alpha)
 
 
-@pytest.mark.parametrize(("off", "refused"), [(1e-14, False), (1e-9, True)])
-def test_an_angle_is_a_fraction_of_pi_up_to_rounding(off, refused):
+@pytest.mark.parametrize(("displaced", "refused"), [(1e-14, False), (1e-9, True)])
+def test_an_angle_is_a_fraction_of_pi_up_to_rounding(displaced, refused):
     """pi/2 - off: for a larger one an atom's flux would be about as large on a side where it has to be 0."""
-    nearly = Polygon(np.array([[0, 0], [1, 0], [1, 1], [off, 1]]), "nearly")
+    nearly = Polygon(np.array([[0, 0], [1, 0], [1, 1], [displaced, 1]]), "nearly")
     if refused:
         with sentences.raises(InputError):
             make_corner_atom(nearly, 0, "free")
@@ -92,7 +94,7 @@ def test_a_linear_transition_is_bounded():
     assert polar("transition", "0").regularity.flux_bounded
 
 
-def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
+def test_an_atom_at_a_vertex_has_its_trace_on_a_side_of_another_length():
     """r^2 cos 2 theta at 90 degrees: -r^2 on the side before, of length 2, without flux."""
     r = np.array([0.1, 0.25])
     along = SidePoints(1 - r / 2, np.ones(2), -r / 2)
@@ -101,18 +103,18 @@ def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
     np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-15)
 
 
-def test_the_points_at_which_polar_atoms_are_not_smooth():
+def test_polar_atoms_are_singular_at_their_centre_and_at_the_ends_of_their_cutoff():
     """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
-    found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
-    assert found == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
-    found = {(p.side, p.t, p.grading) for p in polar("held").singular_points() if p.t >= 0}
-    assert found == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
+    singular_points = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
+    assert singular_points == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
+    singular_points = {(p.side, p.t, p.grading) for p in polar("held").singular_points() if p.t >= 0}
+    assert singular_points == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
 
 
-@pytest.mark.parametrize("off", [1e-17, 0.0, -0.0, -1e-17])
-def test_rounding_beyond_a_side_is_on_it(off):
+@pytest.mark.parametrize("displaced", [1e-17, 0.0, -0.0, -1e-17])
+def test_rounding_beyond_a_side_is_on_it(displaced):
     """On the side at angle 0 the held atom is 0; taken for the angle 2 pi it would be sin(4 pi/3) r^(2/3)."""
-    value, _ = polar("held").value_and_gradient(np.array([[0.1, off], [0.2, off]]))
+    value, _ = polar("held").value_and_gradient(np.array([[0.1, displaced], [0.2, displaced]]))
     np.testing.assert_allclose(value, 0, rtol=0, atol=1e-15)
 
 
@@ -131,12 +133,12 @@ def means(case, cells, near=True):
 
 @pytest.mark.parametrize("cells", [(1 / 2, 0.0), (1 / 8, 0.37), (1 / 64, 0.05), (1 / 512, 0.0)])
 @pytest.mark.parametrize("name", ALPHA)
-def test_cell_means_in_closed_form(name, cells):
+def test_cell_means_are_their_closed_forms(name, cells):
     """To 1e-11 of the largest: the closed form cancels."""
     partition = partitions.make_shifted_partition(square(), *cells)
     x = np.minimum(partition.points, 1.0)
-    whole = np.diff(cut_off_power(x - 1 / 3, ALPHA[name], 0.25)) / partition.lengths
-    np.testing.assert_allclose(means(load(name), partition), whole, rtol=0, atol=1e-11 * whole.max())
+    full = np.diff(cut_off_power(x - 1 / 3, ALPHA[name], 0.25)) / partition.lengths
+    np.testing.assert_allclose(means(load(name), partition), full, rtol=0, atol=1e-11 * full.max())
 
 
 def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
@@ -147,7 +149,7 @@ def test_without_the_distance_itself_a_sixth_of_a_mean_is_lost():
     assert not cell >= 0.95 * exact
 
 
-def test_the_corners_of_the_l_shape():
+def test_atoms_at_the_re_entrant_vertex_have_their_traces_and_fluxes():
     """r^(2/3) cos(2 theta/3) has no flux and the traces +-r^(2/3); the held one no trace and both fluxes."""
     r = np.linspace(1e-3, 0.49, 100)
     chi = (1 - 4 * r**2) ** 4
@@ -171,7 +173,9 @@ def test_the_corners_of_the_l_shape():
         ("reentrant_full", 2, 1.5 * np.pi, (4, -0.45, 0.55)),
     ],
 )
-def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square_distance):
+def test_in_full_contact_at_a_vertex_the_flux_is_that_of_the_square_alone(
+    name, vertex, angle, square_distance
+):
     """r^(pi/omega) cos(pi theta/omega), r and theta by complex numbers, and a square distance.
 
     On the two sides at the vertex lambda is that of the latter alone: the same number all along and positive.
@@ -179,9 +183,9 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
     case = load_on(name, home(name).name)
     (times, x, y) = square_distance
     polygon = case.polygon
-    here = case.polygon.vertices[vertex]
+    position = case.polygon.vertices[vertex]
     inside = triangles_inside(polygon)
-    z = (inside - here) @ [1, 1j] / (polygon.tangents[vertex] @ [1, 1j])
+    z = (inside - position) @ [1, 1j] / (polygon.tangents[vertex] @ [1, 1j])
     theta = np.angle(z) % (2 * np.pi)
     assert np.all(theta < angle)
     smooth = times * np.sum((inside - [x, y]) ** 2, axis=1)
@@ -194,11 +198,11 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
     for side in (vertex, vertex - 1):
         s = np.linspace(0.01, 0.99, 9) * polygon.lengths[side]
         _, flux, gap = case.trace_flux_and_gap(np.full(9, side), s)
-        distance = polygon.normals[side] @ (here - [x, y])
+        distance = polygon.normals[side] @ (position - [x, y])
         np.testing.assert_allclose(flux, 2 * times * distance, rtol=1e-12)
         assert not gap.any()
-    found = certify_case(case)
-    assert found.contact == tuple((side, 0, 1) for side in range(6))
+    known_case = certify_case(case)
+    assert known_case.contact == tuple((side, 0, 1) for side in range(6))
 
 
 def triangles_inside(polygon):
@@ -256,13 +260,13 @@ def test_bad_corners_are_refused(atom, case_like):
 def test_outside_its_support_an_atom_is_not_evaluated(monkeypatch, name):
     """Of 100 x 100 places 1/8 pi lie in the half disc of radius 1/2, to 100 of its boundary's squares."""
     atom = make_harmonic_atom(square(), 0, 0.5, Fraction(1, 2), rational_expression(Fraction(1, 2)))
-    seen = []
+    calls = []
 
-    def counted(numbers):
-        return lambda r, theta: seen.append(len(r)) or [np.ones_like(r)] * numbers
+    def count_points(numbers):
+        return lambda r, theta: calls.append(len(r)) or [np.ones_like(r)] * numbers
 
-    monkeypatch.setitem(vars(atom), "_compiled_formulas", (counted(3), counted(4)))
+    monkeypatch.setitem(vars(atom), "_compiled_formulas", (count_points(3), count_points(4)))
     x = (np.arange(100) + 0.5) / 100
     places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
     getattr(atom, name)(places)
-    assert seen == [pytest.approx(1e4 * np.pi / 8, abs=100)]
+    assert calls == [pytest.approx(1e4 * np.pi / 8, abs=100)]

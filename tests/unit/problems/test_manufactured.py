@@ -5,7 +5,7 @@ from documents import blocks
 
 from unilateral import cli
 
-EXAMPLE, QUOTED = (block.text for block in blocks("manufactured/README.md"))
+EXAMPLE, QUOTED = [block.text for block in blocks("manufactured/README.md")]
 SLIPS = [
     ("+ pos(t - 4/5, 2)", "- pos(t - 4/5, 2)"),
     ("elsewhere: 1/25", "elsewhere: 1/20"),
@@ -16,7 +16,7 @@ SLIPS = [
 """One for each line that is quoted."""
 
 
-def told(capsys, folder, declaration):
+def run_check(capsys, folder, declaration):
     (folder / "my_case.yaml").write_text(declaration)
     code = cli.main(["solve", "my_case.yaml", "--h", "1/8", "--H", "1/4"])
     return code, capsys.readouterr().err
@@ -24,11 +24,11 @@ def told(capsys, folder, declaration):
 
 def test_the_example_is_a_case(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert told(capsys, tmp_path, EXAMPLE) == (0, "")
+    assert run_check(capsys, tmp_path, EXAMPLE) == (0, "")
 
 
 @pytest.mark.parametrize(("slip", "line"), list(zip(SLIPS, QUOTED.splitlines(), strict=True)))
 def test_what_is_quoted_is_what_is_said_of_a_slip_in_the_example(capsys, tmp_path, monkeypatch, slip, line):
     monkeypatch.chdir(tmp_path)
     assert EXAMPLE.count(slip[0]) == 1
-    assert told(capsys, tmp_path, EXAMPLE.replace(*slip)) == (2, f"unilateral: {line}\n")
+    assert run_check(capsys, tmp_path, EXAMPLE.replace(*slip)) == (2, f"unilateral: {line}\n")

@@ -20,15 +20,15 @@ MESH = ul.mesh(KITE, TWO, halvings=3)
 X, Y = MESH.points.T
 
 
-def solved(f, g, mesh=MESH, **given):
-    return ul.solve(ul.Problem(mesh, f, g, **given), H=0.3, stop=EXACTLY)
+def solve_exactly(f, g, mesh=MESH, **options):
+    return ul.solve(ul.Problem(mesh, f, g, **options), H=0.3, stop=EXACTLY)
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
-def test_arrays_give_the_solution_of_their_formulas(given):
+@pytest.mark.parametrize("data", COEFFICIENTS)
+def test_arrays_give_the_solution_of_their_formulas(data):
     """Of linear ones, which the arrays hold exactly. Each in place of each, everywhere or on sides."""
-    free = {"free_sides": [2], **given}
-    expected = solved("3*x - 2", "-y/4", q="x", **free)
+    free = {"free_sides": [2], **data}
+    expected = solve_exactly("3*x - 2", "-y/4", q="x", **free)
     ways = [
         (3 * X - 2, -Y / 4, X),
         (3 * X - 2, "-y/4", "x"),
@@ -39,7 +39,7 @@ def test_arrays_give_the_solution_of_their_formulas(given):
         (3 * X - 2, [-Y / 4, "-y/4", None, lambda x, y: -y / 4], lambda x, y: x),
     ]
     for f, g, q in ways:
-        s = solved(f, g, q=q, **free)
+        s = solve_exactly(f, g, q=q, **free)
         np.testing.assert_allclose(s.u, expected.u, rtol=0, atol=1e-11)
         assert s.bounds.u == pytest.approx(expected.bounds.u, rel=1e-8)
         assert s.bounds.multiplier == pytest.approx(expected.bounds.multiplier, rel=1e-8)
@@ -100,25 +100,25 @@ def test_the_bound_of_a_function_is_not_that_of_its_values_between_the_nodes():
     assert exact.certificate()["linear_between_nodes"] == []
 
 
-def kinked(seed, n):
+def draw_kinked_values(seed, n):
     """Values that jump from node to node, f of both signs."""
     rng = np.random.default_rng(seed)
     return rng.uniform(-20, 10, n), rng.uniform(-0.6, 0, n), rng.uniform(-1, 2, n)
 
 
-def prolonged(mesh, values, finer):
+def prolong_values(mesh, values, finer):
     """The same functions at the nodes of a mesh that was refined, each of them the middle of an edge."""
-    found = np.zeros(finer.n_nodes)
-    found[: mesh.n_nodes] = values
+    prolonged = np.zeros(finer.n_nodes)
+    prolonged[: mesh.n_nodes] = values
     for step in finer.steps[len(mesh.steps) :]:
-        found[step.n_old_nodes : step.n_old_nodes + len(step.ends)] = found[step.ends].mean(axis=1)
-    return found
+        prolonged[step.n_old_nodes : step.n_old_nodes + len(step.ends)] = prolonged[step.ends].mean(axis=1)
+    return prolonged
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("data", COEFFICIENTS)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("way", ["arrays", "a formula of g"])
-def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, way):
+def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(data, seed, way):
     """These are the same on a mesh three times halved, where the bound is far smaller.
 
     So the distance of both solutions is at most the sum of the bounds. The sharp ones exceed the errors by
@@ -126,23 +126,27 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, wa
     """
     mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], TWO, halvings=2)
     finer = ul.mesh(mesh, halvings=3)
-    f, g, q = kinked(seed, mesh.n_nodes)
-    given = {"free_sides": [2], **given}
-    of_g = ("-x/4 - y/9",) * 2 if way == "a formula of g" else (g, prolonged(mesh, g, finer))
-    coarse, fine = (
-        ul.solve(ul.Problem(on, prolonged(mesh, f, on), of, q=prolonged(mesh, q, on), **given), H=H)
-        for on, of, H in zip((mesh, finer), of_g, (1 / 2, 1 / 16), strict=True)
-    )
-    of = fine.solved.mesh
-    away = fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer)
-    distance = energy_norm(of, away, fine.solved.form)
+    f, g, q = draw_kinked_values(seed, mesh.n_nodes)
+    data = {"free_sides": [2], **data}
+
+    def solve_on(grid, H):
+        obstacle = "-x/4 - y/9" if way == "a formula of g" else prolong_values(mesh, g, grid)
+        source = prolong_values(mesh, f, grid)
+        flux = prolong_values(mesh, q, grid)
+        return ul.solve(ul.Problem(grid, source, obstacle, q=flux, **data), H=H)
+
+    coarse = solve_on(mesh, 1 / 2)
+    fine = solve_on(finer, 1 / 16)
+    fine_mesh = fine.solved.mesh
+    away = fine.solved.u_h - prolong_values(mesh, coarse.solved.u_h, finer)
+    distance = energy_norm(fine_mesh, away, fine.solved.form)
     assert fine.sharp_bounds.u < 0.3 * coarse.sharp_bounds.u
     for bound in (coarse.bounds, coarse.sharp_bounds):
         assert distance <= bound.u + fine.sharp_bounds.u
     assert coarse.sharp_bounds.u <= 2 * distance + fine.sharp_bounds.u
-    one = coarse.forces(sharp=True).whole
-    other = fine.forces(sharp=True).whole
-    assert max(one.lower, other.lower) <= min(one.upper, other.upper)
+    first = coarse.forces(sharp=True).whole
+    second = fine.forces(sharp=True).whole
+    assert max(first.lower, second.lower) <= min(first.upper, second.upper)
 
 
 def test_the_means_and_the_load_of_functions_beside_arrays_see_every_node():
@@ -150,12 +154,12 @@ def test_the_means_and_the_load_of_functions_beside_arrays_see_every_node():
     g = np.zeros(MESH.n_nodes)
     node = MESH.boundary[np.argmin(np.abs(MESH.s - 0.55))]
     g[node] = 1.0
-    of = ul.Solver(MESH, H=0.6, stop=EXACTLY)
-    functions = of.matrices(lambda x, y: x, g)
-    arrays = of.matrices(X, g)
+    solver = ul.Solver(MESH, H=0.6, stop=EXACTLY)
+    functions = solver.matrices(lambda x, y: x, g)
+    arrays = solver.matrices(X, g)
     np.testing.assert_allclose(functions.g, arrays.g, rtol=0, atol=1e-15)
     np.testing.assert_allclose(functions.F, arrays.F, rtol=0, atol=1e-15)
-    assert functions.H @ functions.g == pytest.approx(float((of.matrices(0, 0).B @ g).sum()), rel=1e-13)
+    assert functions.H @ functions.g == pytest.approx(float((solver.matrices(0, 0).B @ g).sum()), rel=1e-13)
     assert functions.g.max() > 0.1
 
 
@@ -165,8 +169,8 @@ def test_values_that_are_not_needed_are_not_read():
     nodes = MESH.boundary[np.isin(MESH.side, [0, 1, 3])]
     ends = MESH.boundary[np.searchsorted(MESH.s, MESH.polygon.starts[[2, 3]])]
     g[nodes] = g[ends] = -0.1
-    s = solved(-1, g, free_sides=[2])
-    np.testing.assert_allclose(s.u, solved(-1, "-1/10", free_sides=[2]).u, rtol=0, atol=1e-11)
+    s = solve_exactly(-1, g, free_sides=[2])
+    np.testing.assert_allclose(s.u, solve_exactly(-1, "-1/10", free_sides=[2]).u, rtol=0, atol=1e-11)
 
 
 def test_the_model_of_a_trace_contains_its_values():
@@ -179,7 +183,7 @@ def test_the_model_of_a_trace_contains_its_values():
     model = NodalTrace(t, values).value_model(
         affine_model(monomial_basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
     )
-    exact = [[Fraction(x) for x in each.tolist()] for each in (t, values)]
+    exact = [[Fraction(x) for x in numbers.tolist()] for numbers in (t, values)]
     for i in range(7):
         for sigma in (Fraction(-1), Fraction(1), Fraction(rng.uniform(-1, 1))):
             place = (exact[0][i] + exact[0][i + 1]) / 2 + sigma * (exact[0][i + 1] - exact[0][i]) / 2
@@ -255,15 +259,15 @@ def test_an_array_without_a_mesh_is_refused():
     assert ul.Problem(KITE, np.float64(3), np.array(0)).f.rational == 3
 
 
-@pytest.mark.parametrize("given", [-0.002, "-1/500", lambda x, y: 0 * x - 0.002, 0 * X - 0.002])
-def test_an_obstacle_on_a_free_side_is_refused_however_it_is_given(given):
+@pytest.mark.parametrize("data", [-0.002, "-1/500", lambda x, y: 0 * x - 0.002, 0 * X - 0.002])
+def test_an_obstacle_on_a_free_side_is_refused_however_it_is_given(data):
     """As one on a clamped side. Control: null there, and one for all sides, which is for the other ones."""
     with sentences.raises(ul.InputError, "g[3]", "free_sides"):
-        ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2, 3])
+        ul.Problem(MESH, -1, [-0.001, None, None, data], free_sides=[1, 2, 3])
     solver = ul.Solver(MESH, H=0.3, free_sides=[1, 2, 3])
     with sentences.raises(ul.InputError, "g[3]", "free_sides"):
-        solver(-1, [-0.001, None, None, given])
+        solver(-1, [-0.001, None, None, data])
     with sentences.raises(ul.InputError, "g[3]", "clamped"):
-        ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2], u={3: 0})
-    for accepted in ([given, None, None, None], given):
+        ul.Problem(MESH, -1, [-0.001, None, None, data], free_sides=[1, 2], u={3: 0})
+    for accepted in ([data, None, None, None], data):
         assert ul.Problem(MESH, -1, accepted, free_sides=[1, 2, 3]).free_sides == (1, 2, 3)

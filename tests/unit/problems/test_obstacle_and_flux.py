@@ -28,7 +28,7 @@ def beyond(formula, symbol, s, p):
     value = sympy.lambdify(symbol, symbolic(formula), [IN_40_DIGITS, "mpmath"])
     with mpmath.workdps(40):
         pairs = zip(s.tolist(), p.tolist(), strict=True)
-        return np.array([float(value(mpmath.mpf(at)) - mpmath.mpf(of_p)) for at, of_p in pairs])
+        return np.array([float(value(mpmath.mpf(place)) - mpmath.mpf(p_value)) for place, p_value in pairs])
 
 
 def pieces(rng, k=40):
@@ -44,17 +44,21 @@ def errors_over_bounds(seed):
     """At random places, known exactly by their shares of the side."""
     rng = np.random.default_rng(seed)
     polygon = Polygon(np.array([[0, 0], [1 / 3, 1 / 7], [0.1, 0.9]]))
-    of = pieces(rng)
+    random_pieces = pieces(rng)
     length = float(polygon.lengths[0])
-    points = of.arc_lengths(polygon)
+    points = random_pieces.arc_lengths(polygon)
     points[-1] = length
-    bound = of.rounding_errors(points)
-    found = Piecewise(polygon, points, of.side, of.c, *np.zeros((3, len(of.side))))
-    for i, (start, end) in enumerate(zip(of.start.tolist(), of.end.tolist(), strict=True)):
+    bound = random_pieces.rounding_errors(points)
+    piecewise = Piecewise(
+        polygon, points, random_pieces.side, random_pieces.c, *np.zeros((3, len(random_pieces.side)))
+    )
+    for i, (start, end) in enumerate(
+        zip(random_pieces.start.tolist(), random_pieces.end.tolist(), strict=True)
+    ):
         t = Fraction(start) + (Fraction(end) - Fraction(start)) * Fraction(rng.uniform(0.01, 0.99))
-        value = found.evaluate(np.array([i]), np.array([float(t * Fraction(length))]))[0].item()
+        value = piecewise.evaluate(np.array([i]), np.array([float(t * Fraction(length))]))[0].item()
         sigma = 2 * (t - Fraction(start)) / (Fraction(end) - Fraction(start)) - 1
-        exact = sum(Fraction(x) * sigma**k for k, x in enumerate(of.c[:, i].tolist()))
+        exact = sum(Fraction(x) * sigma**k for k, x in enumerate(random_pieces.c[:, i].tolist()))
         yield float(abs(Fraction(value) - exact)) / bound[i]
 
 
@@ -116,17 +120,19 @@ def test_large_constants_are_rounded_as_sums_are():
     for _ in range(50):
         c = rng.standard_normal((PIECE_DEGREE + 1, 1))
         c[0] *= 1e6
-        of = IntervalPieces(np.zeros(1, dtype=np.intp), *np.array([[0.0], [1.0]]), c, *np.zeros((3, 1)))
+        interval_pieces = IntervalPieces(
+            np.zeros(1, dtype=np.intp), *np.array([[0.0], [1.0]]), c, *np.zeros((3, 1))
+        )
         polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]))
-        found = Piecewise(polygon, np.array([0.0, 1.0]), of.side, c, *np.zeros((3, 1)))
-        value = found.evaluate(np.array([0]), np.array([0.75]))[0].item()
+        piecewise = Piecewise(polygon, np.array([0.0, 1.0]), interval_pieces.side, c, *np.zeros((3, 1)))
+        value = piecewise.evaluate(np.array([0]), np.array([0.75]))[0].item()
         exact = sum(Fraction(x) / 2**k for k, x in enumerate(c[:, 0].tolist()))
-        allowed = of.rounding_errors(np.array([0.0, 1.0])).item()
+        allowed = interval_pieces.rounding_errors(np.array([0.0, 1.0])).item()
         worst = max(worst, float(abs(Fraction(value) - exact)) / allowed)
     assert 1e-3 < worst <= 1
 
 
-def g_on_bottom(text, least=-np.inf):
+def g_on_bottom(text, minimum=-np.inf):
     """g on side 0 of the unit square from a formula in t, enclosed; the other sides are free."""
     formula = parse_formula(text, ("t",), "here")
 
@@ -134,7 +140,7 @@ def g_on_bottom(text, least=-np.inf):
         assert np.all(side == 0)
         return enclose_formula(formula, {"t": t})
 
-    return enclose_obstacle(square(), model, (1, 2, 3), least)
+    return enclose_obstacle(square(), model, (1, 2, 3), minimum)
 
 
 OF_G = [
@@ -151,17 +157,17 @@ OF_G = [
 @pytest.mark.parametrize("text", OF_G)
 def test_g_is_within_its_doubt_of_the_polynomials(text):
     """At random points and next to every end of a piece, with 40 digits; the doubt is near round-off."""
-    found = g_on_bottom(text)
-    inner = found.points[(found.points > 0) & (found.points < 1)]
+    constraint = g_on_bottom(text)
+    inner = constraint.points[(constraint.points > 0) & (constraint.points < 1)]
     s = np.concatenate([np.random.default_rng(1).random(200), inner[:100] - 1e-12, inner[:100] + 1e-12])
-    piece = found.find_pieces(s)
-    p, _ = found.evaluate(piece, s)
+    piece = constraint.find_pieces(s)
+    p, _ = constraint.evaluate(piece, s)
     g = beyond(parse_formula(text, ("t",), "here"), T, s, p)
-    assert np.all(np.abs(g) <= found.remainder[piece] + 1e-15 * np.abs(p))
-    assert np.all((found.lower[piece] <= g + p + 1e-9) & (g + p - 1e-9 <= found.upper[piece]))
+    assert np.all(np.abs(g) <= constraint.remainder[piece] + 1e-15 * np.abs(p))
+    assert np.all((constraint.lower[piece] <= g + p + 1e-9) & (g + p - 1e-9 <= constraint.upper[piece]))
     spread = max(np.ptp(p), np.abs(p).max() * 1e-3)
-    assert found.remainder.max() <= 1e-9 * spread
-    assert len(found.remainder) <= 1500
+    assert constraint.remainder.max() <= 1e-9 * spread
+    assert len(constraint.remainder) <= 1500
 
 
 U_AND_SLOPE = [("sin(20*t)", "20*cos(20*t)"), ("exp(t) + 1e6*t**7", "exp(t) + 7e6*t**6"), ("1/3", "0")]
@@ -169,15 +175,15 @@ U_AND_SLOPE = [("sin(20*t)", "20*cos(20*t)"), ("exp(t) + 1e6*t**7", "exp(t) + 7e
 
 def u_on_bottom(text, slope, length=1.0):
     """u on the clamped side 0, of that length, of a rectangle, with its derivative; the others are free."""
-    of_u = parse_formula(text, ("t",), "here")
-    of_slope = parse_formula(slope, ("t",), "here")
+    u_formula = parse_formula(text, ("t",), "here")
+    slope_formula = parse_formula(slope, ("t",), "here")
     rectangle = Polygon(np.array([[0, 0], [length, 0], [length, 1], [0, 1]]))
     return enclose_obstacle(
         rectangle,
-        lambda _, t: enclose_formula(of_u, {"t": t}),
+        lambda _, t: enclose_formula(u_formula, {"t": t}),
         (1, 2, 3),
         clamped=(0,),
-        slope_model=lambda _, t: enclose_formula(of_slope, {"t": t}),
+        slope_model=lambda _, t: enclose_formula(slope_formula, {"t": t}),
     )
 
 
@@ -194,19 +200,19 @@ def off(u, text, length):
     """(k,) how far the derivatives of the polynomials are from that of u at places inside the pieces."""
     t = sympy.Symbol("t")
     slope = sympy.lambdify(t, sympy.diff(sympy.sympify(text, rational=True), t), "mpmath")
-    found = []
+    errors = []
     for k in np.flatnonzero(u.side == 0):
         start, end = u.points[k : k + 2]
         half = (mpmath.mpf(end) - start) / 2
         powers = u.c[:, k].tolist()
-        found.append(
+        errors.append(
             max(
                 abs(sum(n * c * x ** (n - 1) for n, c in enumerate(powers) if n) / half - slope(s) / length)
                 for x in map(mpmath.mpf, (-0.875, -0.25, 0.375, 0.9375))
                 for s in [(start + half * (1 + x)) / length]
             )
         )
-    return np.array(found, dtype=float)
+    return np.array(errors, dtype=float)
 
 
 @pytest.mark.parametrize("length", [1.0, 8.0])
@@ -214,27 +220,27 @@ def off(u, text, length):
 def test_the_derivative_of_u_is_within_its_doubt_of_the_polynomials(text, slope, length):
     """Derivatives by sympy, at places in mpmath; that a wrong one is noticed is the control."""
     u = u_on_bottom(text, slope, length)
-    on = u.side == 0
+    on_side = u.side == 0
     error = off(u, text, length)
-    assert np.all(error <= u.slope_remainder[on])
-    assert np.all(u.slope_remainder[~on] == 0)
-    assert np.all(off(u, f"{text} + t/1000", length) > u.slope_remainder[on])
+    assert np.all(error <= u.slope_remainder[on_side])
+    assert np.all(u.slope_remainder[~on_side] == 0)
+    assert np.all(off(u, f"{text} + t/1000", length) > u.slope_remainder[on_side])
 
 
 def test_polynomials_agree_where_they_meet_and_have_their_derivatives():
-    found = g_on_bottom("sin(20*t) + pos(t - 1/3, 3/2)")
-    inner = found.points[1:-1][found.points[1:-1] < 1]
+    g = g_on_bottom("sin(20*t) + pos(t - 1/3, 3/2)")
+    inner = g.points[1:-1][g.points[1:-1] < 1]
     piece = np.arange(len(inner))
-    before = found.evaluate(piece, inner)[0]
-    after = found.evaluate(piece + 1, inner)[0]
+    before = g.evaluate(piece, inner)[0]
+    after = g.evaluate(piece + 1, inner)[0]
     np.testing.assert_allclose(before, after, rtol=0, atol=1e-15)
     s = np.linspace(0.011, 0.993, 50)
     step = 1e-6
-    slope = found.evaluate(found.find_pieces(s), s)[1]
+    slope = g.evaluate(g.find_pieces(s), s)[1]
     exact = 20 * np.cos(20 * s) + 1.5 * np.sqrt(np.maximum(s - 1 / 3, 0))
     np.testing.assert_allclose(slope, exact, rtol=0, atol=1e-5)
-    piece = found.find_pieces(s)
-    difference = (found.evaluate(piece, s + step)[0] - found.evaluate(piece, s - step)[0]) / (2 * step)
+    piece = g.find_pieces(s)
+    difference = (g.evaluate(piece, s + step)[0] - g.evaluate(piece, s - step)[0]) / (2 * step)
     np.testing.assert_allclose(slope, difference, rtol=1e-6, atol=1e-6)
 
 
@@ -250,11 +256,11 @@ def test_means_are_those_of_closed_forms():
 
 def test_below_what_u_reaches_less_is_known():
     """A dive to -1e10 beside a peak of height 1: with u >= -1 the peak is known to 1e-9."""
-    found = g_on_bottom("exp(-1e8*(t - 0.5123)**2) - 1e10*pos(t - 3/4, 2)", -1.0)
-    near = np.abs(0.5 * (found.points[1:] + found.points[:-1]) - 0.5123) < 1e-3
-    assert found.remainder[near].max() < 1e-9
-    assert found.range(0)[1] == pytest.approx(1, abs=1e-6)
-    means = found.means(np.array([0, 0.75, 1, 4]))
+    g = g_on_bottom("exp(-1e8*(t - 0.5123)**2) - 1e10*pos(t - 3/4, 2)", -1.0)
+    near = np.abs(0.5 * (g.points[1:] + g.points[:-1]) - 0.5123) < 1e-3
+    assert g.remainder[near].max() < 1e-9
+    assert g.range(0)[1] == pytest.approx(1, abs=1e-6)
+    means = g.means(np.array([0, 0.75, 1, 4]))
     assert means[0] == pytest.approx(np.sqrt(np.pi) * 1e-4 / 0.75, rel=1e-6)
     assert means[1] == pytest.approx(-1e10 * 0.25**2 / 3, rel=1e-8)
 
@@ -271,42 +277,42 @@ def test_what_takes_too_many_pieces_is_known_less_well(monkeypatch):
 def test_g_of_a_case_is_that_of_its_formulas(name):
     """u - gap by `ExactSolution.trace_flux_and_gap`, which is tested elsewhere, on all sides."""
     case = load(name, "lshape" if name in ("reentrant", "violates_j") else "square")
-    found = case.problem.enclosed_obstacle
+    enclosed_obstacle = case.problem.enclosed_obstacle
     polygon = case.polygon
     s = np.sort(np.random.default_rng(1).random(2000)) * polygon.perimeter
     side = np.searchsorted(polygon.starts, s, side="right") - 1
     u, _, gap = case.trace_flux_and_gap(side, s - polygon.starts[side])
-    piece = found.find_pieces(s)
-    p, _ = found.evaluate(piece, s)
-    assert np.all(np.abs(u - gap - p) <= found.remainder[piece] + 1e-14 * np.abs(u).max())
-    assert found.remainder.max() < 1e-8
+    piece = enclosed_obstacle.find_pieces(s)
+    p, _ = enclosed_obstacle.evaluate(piece, s)
+    assert np.all(np.abs(u - gap - p) <= enclosed_obstacle.remainder[piece] + 1e-14 * np.abs(u).max())
+    assert enclosed_obstacle.remainder.max() < 1e-8
 
 
 def test_free_sides_have_no_g():
-    found = g_on_bottom("t")
-    assert found.side.tolist() == [0, 1, 2, 3]
-    assert found.range(2) == (-np.inf, -np.inf)
-    assert found.ends[1, 0] == 0
-    assert not found.ends[:, 2:].any()
+    g = g_on_bottom("t")
+    assert g.side.tolist() == [0, 1, 2, 3]
+    assert g.range(2) == (-np.inf, -np.inf)
+    assert g.ends[1, 0] == 0
+    assert not g.ends[:, 2:].any()
 
 
 def test_a_place_that_rounding_puts_beyond_a_kink_is_covered():
     """The steep side is tiny and far along the boundary, where arc lengths are rounded by 1e-12 of it."""
     polygon = [(0, 0), (1e4, 0), (1e4, 1e-3), (9999.999, 1e-2), (0, 1e4)]
     problem = ul.Problem(polygon, f=0, g="pos(1e6*(y - 0.0005), 1)*pos(0.01 - y, 1)")
-    found = problem.enclosed_obstacle
-    for k in np.flatnonzero(found.side == 1):
-        for s in found.points[k : k + 2].tolist():
+    enclosed_obstacle = problem.enclosed_obstacle
+    for k in np.flatnonzero(enclosed_obstacle.side == 1):
+        for s in enclosed_obstacle.points[k : k + 2].tolist():
             y = (
-                (Fraction(s) - Fraction(found.polygon.starts[1]))
+                (Fraction(s) - Fraction(enclosed_obstacle.polygon.starts[1]))
                 * Fraction(1e-3)
-                / Fraction(found.polygon.lengths[1])
+                / Fraction(enclosed_obstacle.polygon.lengths[1])
             )
             y = min(max(y, Fraction(0)), Fraction(1e-3))
             g = max(10**6 * (y - Fraction(1, 2000)), 0) * (Fraction(1, 100) - y)
-            p, _ = found.evaluate(np.array(k), np.array(s))
-            assert abs(g - Fraction(float(p))) <= Fraction(found.remainder[k])
-            assert g <= Fraction(found.upper[k])
+            p, _ = enclosed_obstacle.evaluate(np.array(k), np.array(s))
+            assert abs(g - Fraction(float(p))) <= Fraction(enclosed_obstacle.remainder[k])
+            assert g <= Fraction(enclosed_obstacle.upper[k])
 
 
 OF_Q = [
@@ -332,51 +338,54 @@ def test_q_is_within_its_doubt_of_the_polynomials(text):
     In L2 a millionth of its size is left, where half of a jump is in doubt on two pieces of 1e-12.
     """
     problem = q_on_bottom(text)
-    found = problem.enclosed_flux
-    inner = found.points[(found.points > 0) & (found.points < 1)]
-    at_ends = [inner + sign * k * found.reach / 4 for sign in (-1, 1) for k in (0, 1, 2, 4)]
+    enclosed_flux = problem.enclosed_flux
+    inner = enclosed_flux.points[(enclosed_flux.points > 0) & (enclosed_flux.points < 1)]
+    at_ends = [inner + sign * k * enclosed_flux.reach / 4 for sign in (-1, 1) for k in (0, 1, 2, 4)]
     s = np.concatenate([np.random.default_rng(1).random(200), *at_ends])
-    piece = found.find_pieces(s)
-    p, _ = found.evaluate(piece, s)
+    piece = enclosed_flux.find_pieces(s)
+    p, _ = enclosed_flux.evaluate(piece, s)
     away = np.abs(beyond(problem.q[0], X, s, p))
-    near = np.minimum(np.searchsorted(found.points, s), len(found.points) - 1)
+    near = np.minimum(np.searchsorted(enclosed_flux.points, s), len(enclosed_flux.points) - 1)
     jumps = np.stack(
-        [np.where(np.abs(found.points[k] - s) <= found.reach, found.jumps[k], 0) for k in (near, near - 1)]
+        [
+            np.where(np.abs(enclosed_flux.points[k] - s) <= enclosed_flux.reach, enclosed_flux.jumps[k], 0)
+            for k in (near, near - 1)
+        ]
     )
-    assert np.all(away <= np.maximum(found.remainder[piece], jumps.max(axis=0)) + 1e-15 * np.abs(p))
-    square = np.diff(found.points) @ found.remainder**2
+    assert np.all(away <= np.maximum(enclosed_flux.remainder[piece], jumps.max(axis=0)) + 1e-15 * np.abs(p))
+    square = np.diff(enclosed_flux.points) @ enclosed_flux.remainder**2
     assert np.sqrt(square) <= 1e-6 * np.abs(p).max()
-    assert len(found.remainder) <= 1500
+    assert len(enclosed_flux.remainder) <= 1500
 
 
-@pytest.mark.parametrize("at", ["1/3", "1/2", "1/4", "0.3", "0.191", "0.382", "0.5 + 1e-14"])
-def test_a_jump_costs_nothing_but_short_pieces(at):
+@pytest.mark.parametrize("position", ["1/3", "1/2", "1/4", "0.3", "0.191", "0.382", "0.5 + 1e-14"])
+def test_a_jump_costs_nothing_but_short_pieces(position):
     """In L2 a millionth of it: half of the jump on a piece of 1e-12. Control: the doubt there is that half.
 
     The jump itself is told at the piece's ends.
     """
-    found = q_on_bottom(f"3*pos(x - ({at}), 0)").enclosed_flux
-    assert found.remainder.max() == pytest.approx(1.5)
-    assert found.jumps.max() == pytest.approx(3, rel=1e-9)
-    assert np.diff(found.points)[found.remainder > 0.1].sum() <= 1e-12
-    assert len(found.remainder) < 100
+    enclosed_flux = q_on_bottom(f"3*pos(x - ({position}), 0)").enclosed_flux
+    assert enclosed_flux.remainder.max() == pytest.approx(1.5)
+    assert enclosed_flux.jumps.max() == pytest.approx(3, rel=1e-9)
+    assert np.diff(enclosed_flux.points)[enclosed_flux.remainder > 0.1].sum() <= 1e-12
+    assert len(enclosed_flux.remainder) < 100
 
 
 def test_no_piece_is_shorter_than_places_are_known():
     """On a side of 1e-5 of a perimeter of 4e4 a halving too much would put the jump into a wrong piece."""
     polygon = [(0, 0), (1e4, 0), (1e4, 1e4), (0.4, 1e4), (0, 9999.6)]
     problem = ul.Problem(polygon, f=0, g=0, free_sides=[3], q="pos(x - 0.1, 0)")
-    found = problem.enclosed_flux
-    assert np.diff(found.points)[found.is_given].min() >= 2 * found.reach
-    assert found.remainder.max() == pytest.approx(0.5)
+    enclosed_flux = problem.enclosed_flux
+    assert np.diff(enclosed_flux.points)[enclosed_flux.is_given].min() >= 2 * enclosed_flux.reach
+    assert enclosed_flux.remainder.max() == pytest.approx(0.5)
 
 
 def test_only_sides_with_a_flux_have_one():
     problem = ul.Problem(SQUARE, f=0, g=0, free_sides=[0, 2], q=["x - 2", None, 0, None])
-    found = problem.enclosed_flux
-    assert {*found.side[found.is_given].tolist()} == {0}
-    assert found.range(0) == pytest.approx((-2, -1))
-    assert found.lower_bound == pytest.approx(-2)
+    enclosed_flux = problem.enclosed_flux
+    assert {*enclosed_flux.side[enclosed_flux.is_given].tolist()} == {0}
+    assert enclosed_flux.range(0) == pytest.approx((-2, -1))
+    assert enclosed_flux.lower_bound == pytest.approx(-2)
     assert enclose_given_flux(square(), lambda _, t: t, ()).lower_bound == np.inf
     assert not ul.case("natural").enclosed_flux.is_given.any()
 
@@ -396,17 +405,17 @@ def test_a_flux_into_the_domain_leaves_sides_idle_and_one_out_of_it_does_not():
     problem = ul.Problem(SQUARE, **IDLE, q="-4*x")
     assert problem.u_lower_bound == -np.inf
     assert problem.idle_sides() == ()
-    found = ul.solve(problem, h=1 / 16, H=1 / 8)
-    assert found.u.min() < 0.5 + 1e-9
-    assert found.contact.lengths[1] > 0
+    solution = ul.solve(problem, h=1 / 16, H=1 / 8)
+    assert solution.u.min() < 0.5 + 1e-9
+    assert solution.contact.lengths[1] > 0
 
 
 def test_a_function_is_known_as_well_as_its_own_side_asks_for():
     """sin(40 x) beside a side with -1e9. Control: to 1e-12 of that it was known to a thousandth only."""
     sides = [parse_formula(text, ("x", "y"), "here") for text in ("sin(40*x)", "0", "-1e9", "0")]
-    for given in (
+    for flux in (
         Problem("here", square(), ZERO, tuple(sides), (1, 3), clamped_sides=(0,)).enclosed_obstacle,
         Problem("here", square(), ZERO, (ZERO,) * 4, (0, 1, 2, 3), q=tuple(sides)).enclosed_flux,
     ):
-        assert given.remainder[given.side == 0].max() < 1e-11
-        assert given.remainder[given.side == 2].max() < 1e-11 * 1e9
+        assert flux.remainder[flux.side == 0].max() < 1e-11
+        assert flux.remainder[flux.side == 2].max() < 1e-11 * 1e9

@@ -27,7 +27,7 @@ PROBLEMS = sorted((DATA / "problems").glob("*.yaml"))
 
 
 @pytest.fixture
-def declared(problem_file_of):
+def write_problem(problem_file_of):
     return lambda **fields: problem_file_of(**{"f": "x - y", "g": 0} | fields)
 
 
@@ -40,9 +40,9 @@ def test_the_ten_problems_can_be_loaded():
     assert any(problem.polygon.angles.min() < 0.06 for problem in loaded)
 
 
-def test_f_and_g_are_the_formulas(declared):
+def test_f_and_g_are_the_formulas(write_problem):
     problem = problem_file.load_problem(
-        declared(
+        write_problem(
             polygon="[[0, 0], [2, 0], [1/2, 3/2]]",
             f="sin(x)*y + pos(x - 1, 1)",
             g='["x*(x - 2)", "y*exp(x - 2)", "(1 - 2*x)*(x - y)*x + 3*exp(-3/2)*x"]',
@@ -56,20 +56,20 @@ def test_f_and_g_are_the_formulas(declared):
     x, y = problem.polygon.at(side, s).T
     by_side = [x * (x - 2), y * np.exp(x - 2), (1 - 2 * x) * (x - y) * x + 3 * np.exp(-1.5) * x]
     along = problem.polygon.starts[side] + s
-    found = problem.enclosed_obstacle
-    g, slope = found.evaluate(found.find_pieces(along), along)
+    enclosed_obstacle = problem.enclosed_obstacle
+    g, slope = enclosed_obstacle.evaluate(enclosed_obstacle.find_pieces(along), along)
     assert g == pytest.approx([by_side[i][k] for k, i in enumerate(side)], rel=1e-8)
     step = 1e-5
-    before = found.evaluate(found.find_pieces(along + (-step)), along + (-step))[0]
-    after = found.evaluate(found.find_pieces(along + step), along + step)[0]
+    before = enclosed_obstacle.evaluate(enclosed_obstacle.find_pieces(along + (-step)), along + (-step))[0]
+    after = enclosed_obstacle.evaluate(enclosed_obstacle.find_pieces(along + step), along + step)[0]
     assert slope == pytest.approx((after - before) / (2 * step), rel=1e-6)
 
 
-def test_jumps_of_f_are_where_it_has_them(declared):
+def test_jumps_of_f_are_where_it_has_them(write_problem):
     """Kinks are none: there f is enclosed by ever smaller pieces."""
     f = "pos(2*x + 2*y - 1, 0) + pos(1/4 - (x - 1)**2 - (y - 1/2)**2, 0) + pos(x - 1/3, 1)"
     line, circle = sorted(
-        problem_file.load_problem(declared(f=f)).source.jumps.values(), key=lambda kink: kink.radius
+        problem_file.load_problem(write_problem(f=f)).source.jumps.values(), key=lambda kink: kink.radius
     )
     on_line = np.array([[0.1, 0.4], [0.5, 0.0]])
     on_circle = np.array([[0.5, 0.5], [1.0, 1.0]])
@@ -78,11 +78,11 @@ def test_jumps_of_f_are_where_it_has_them(declared):
     assert circle.signed_distances(on_circle) == pytest.approx([0, 0], abs=1e-15)
 
 
-def test_data_of_any_size_in_between_are_accepted(declared):
+def test_data_of_any_size_in_between_are_accepted(write_problem):
     for size in ("1e-139", "1e139"):
-        found = problem_file.load_problem(declared(f=f"{size}*x", g=f"{size}*y"))
-        assert found.range_of_f[1] == pytest.approx(float(size))
-    assert problem_file.load_problem(declared(f="pos(x - 2, 1)", g="0")).range_of_f == pytest.approx(
+        problem = problem_file.load_problem(write_problem(f=f"{size}*x", g=f"{size}*y"))
+        assert problem.range_of_f[1] == pytest.approx(float(size))
+    assert problem_file.load_problem(write_problem(f="pos(x - 2, 1)", g="0")).range_of_f == pytest.approx(
         (0, 0), abs=1e-290
     )
 
@@ -90,7 +90,7 @@ def test_data_of_any_size_in_between_are_accepted(declared):
 @pytest.mark.parametrize(
     "zero", ["pos(-x, 1/2)", "-1*pos(-x, 1/2)*y", "pos(-x, 9/20)", "x*pos(-x, 1/2)", "0"]
 )
-def test_what_is_0_is_accepted_though_enclosures_of_it_are_larger(declared, zero):
+def test_what_is_0_is_accepted_though_enclosures_of_it_are_larger(write_problem, zero):
     """The root of 5e-324, which intervals make of 0, is 2e-162. Control: what is as small, but not 0."""
     for tiny in (zero, f"{zero} + 1e-150*y*(1 - y)"):
         for fields, where in (
@@ -100,19 +100,19 @@ def test_what_is_0_is_accepted_though_enclosures_of_it_are_larger(declared, zero
             ({"u": f"{{0: 0, 1: 0, 2: 0, 3: '{tiny}'}}", "g": "[null, null, null, null]"}, "field u"),
         ):
             if tiny == zero:
-                problem_file.load_problem(declared(**fields))
+                problem_file.load_problem(write_problem(**fields))
             else:
                 with sentences.raises(InputError, where):
-                    problem_file.load_problem(declared(**fields))
+                    problem_file.load_problem(write_problem(**fields))
 
 
-def test_loads_and_means_see_the_kinks(declared):
+def test_loads_and_means_see_the_kinks(write_problem):
     """The integral of f over Omega and the means of g, against their closed forms."""
-    problem = problem_file.load_problem(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
-    found = source.enclose_function(make_structured_mesh(square(), 1 / 4), problem.source)
+    problem = problem_file.load_problem(write_problem(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
+    enclosure = source.enclose_function(make_structured_mesh(square(), 1 / 4), problem.source)
     exact = 0.7**2 / 2 * (np.e - 1)
-    assert found.moments().sum() == pytest.approx(exact, abs=found.remainder_norm)
-    assert found.remainder_norm <= 1e-3 * exact
+    assert enclosure.moments().sum() == pytest.approx(exact, abs=enclosure.remainder_norm)
+    assert enclosure.remainder_norm <= 1e-3 * exact
     means = problem.enclosed_obstacle.means(partitions.make_uniform_partition(square(), 1 / 2).points)
     exact = 2 * np.diff(0.4 * np.maximum(np.array([0, 1 / 2, 1]) - 1 / 3, 0) ** 2.5)
     assert means[:2] == pytest.approx(exact, rel=1e-9)
@@ -122,38 +122,38 @@ def test_loads_and_means_see_the_kinks(declared):
 IDLE = {"f": "1 + x*y", "g": '["x**2/2", "1/2 + y", "x + 1/2", "y/2"]'}
 
 
-def test_a_side_below_the_source_is_idle(declared):
+def test_a_side_below_the_source_is_idle(write_problem):
     """sup g < inf f there: f >= 1, and g < 1 on sides 0 and 3 only."""
-    problem = problem_file.load_problem(declared(**IDLE))
+    problem = problem_file.load_problem(write_problem(**IDLE))
     assert problem.range_of_f[0] == pytest.approx(1, abs=1e-2)
     assert problem.idle_sides() == (0, 3)
     g = IDLE["g"].replace('"y/2"', "null")
-    free = problem_file.load_problem(declared(f=IDLE["f"], g=g, free_sides="[3]"))
+    free = problem_file.load_problem(write_problem(f=IDLE["f"], g=g, free_sides="[3]"))
     assert free.idle_sides() == (0,)
 
 
-def test_the_lower_bound_of_u_is_one_whatever_is_rounded(declared):
+def test_the_lower_bound_of_u_is_one_whatever_is_rounded(write_problem):
     """inf f / c, in rational arithmetic, for numbers of which no quotient is exact."""
     above = []
     for number in range(1, 40):
         c = Fraction(number, 7)
-        problem = problem_file.load_problem(declared(f=f"{number + 13}/11", g="-9", c=f"{number}/7"))
-        least = problem.range_of_f[0]
-        assert Fraction(problem.u_lower_bound) <= Fraction(least) / c
-        above.append(Fraction(least / float(c)) > Fraction(least) / c)
+        problem = problem_file.load_problem(write_problem(f=f"{number + 13}/11", g="-9", c=f"{number}/7"))
+        min_range_of_f = problem.range_of_f[0]
+        assert Fraction(problem.u_lower_bound) <= Fraction(min_range_of_f) / c
+        above.append(Fraction(min_range_of_f / float(c)) > Fraction(min_range_of_f) / c)
     assert any(above)  # control: without what is subtracted
 
 
-def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declared):
+def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(write_problem):
     """u >= inf f, seen on a solution whose sides all have multipliers; control: side 1 has contact."""
-    problem = problem_file.load_problem(declared(**IDLE))
+    problem = problem_file.load_problem(write_problem(**IDLE))
     cells = partitions.make_uniform_partition(square(), 1 / 8)
     discrete = discretise(problem, make_structured_mesh(square(), 1 / 16), cells)
     lambda_H = run_algorithm(discrete.spaces.operator, discrete.offset, 1e-8, Stop(), None).lambda_H
     idle = np.isin(cells.side, problem.idle_sides())
     assert np.all(lambda_H[idle] == 0)
     assert np.max(lambda_H[~idle]) > 0.1
-    touching = problem_file.load_problem(declared(f="1", g="1 - x*(1 - x)*y*(1 - y)"))
+    touching = problem_file.load_problem(write_problem(f="1", g="1 - x*(1 - x)*y*(1 - y)"))
     assert touching.idle_sides() == ()
 
 
@@ -303,9 +303,9 @@ NO_SIDES = {
     "9" * 30: "not '999",
 }
 OF_SIDES = [
-    ({field: text.format(side), "g": "-9"}, f", field {field}: the polygon has the sides 0 to 3, {what}")
+    ({field: text.format(side), "g": "-9"}, f", field {field}: the polygon has the sides 0 to 3, {no_side}")
     for field, text in {"free_sides": "[0, {}]", "u": "{{0: 0, {}: 0}}"}.items()
-    for side, what in NO_SIDES.items()
+    for side, no_side in NO_SIDES.items()
 ]
 OF_SIDES += [
     ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
@@ -331,25 +331,25 @@ OF_SIDES += [
 
 
 @pytest.mark.parametrize(("fields", "message"), REFUSED + OF_SIDES, ids=lambda value: str(value)[:60])
-def test_a_bad_file_is_refused_in_one_sentence(declared, fields, message):
+def test_a_bad_file_is_refused_in_one_sentence(write_problem, fields, message):
     """With the file and the field; without the fault it is accepted (the fixture's other fields)."""
-    file = declared(**fields)
+    file = write_problem(**fields)
     with pytest.raises(InputError) as refusal:
         problem_file.load_problem(file)
     assert re.fullmatch(f"{file}.*{message}.*", str(refusal.value))
-    problem_file.load_problem(declared())
+    problem_file.load_problem(write_problem())
 
 
-def test_a_side_may_be_free_or_clamped_and_data_of_one_may_be_small(declared):
+def test_a_side_may_be_free_or_clamped_and_data_of_one_may_be_small(write_problem):
     """Controls of what is refused: what is largest counts, not each side alone."""
-    found = problem_file.load_problem(declared(free_sides="[+1]", u="{3: null, +0: 1e-300*x}", g="-9"))
-    assert (found.free_sides, found.clamped_sides) == ((1,), (0, 3))
+    problem = problem_file.load_problem(write_problem(free_sides="[+1]", u="{3: null, +0: 1e-300*x}", g="-9"))
+    assert (problem.free_sides, problem.clamped_sides) == ((1,), (0, 3))
 
 
 @pytest.mark.parametrize("g", [None, "null", "[null, null, null, null]"])
-def test_where_no_side_has_an_obstacle_g_may_be_left_out(declared, run, g):
+def test_where_no_side_has_an_obstacle_g_may_be_left_out(write_problem, run, g):
     """u = 1 + x on clamped sides, with du/dn = 0 on the others, has f = 0: u_h is u, for it is linear."""
-    file = declared(f=0, g=g, free_sides="[0, 2]", u="{1: 2, 3: 1}", c="0")
+    file = write_problem(f=0, g=g, free_sides="[0, 2]", u="{1: 2, 3: 1}", c="0")
     problem = problem_file.load_problem(file)
     assert problem.contact_sides == ()
     s = ul.solve(problem, h=1 / 4, H=1 / 2)
@@ -359,56 +359,58 @@ def test_where_no_side_has_an_obstacle_g_may_be_left_out(declared, run, g):
     assert "no side carries contact, so the problem is linear" in printed
 
 
-def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):
+def test_vertices_are_counted_before_they_are_read(write_problem, monkeypatch):
     """Control: of a polygon that is not too large every coordinate is read."""
     read = []
     monkeypatch.setattr(problem_file, "parse_number", lambda text, _: read.append(text) or exact(int(text)))
     with sentences.raises(InputError):
-        problem_file.load_problem(declared(polygon=[[0, 0]] * 1001))
+        problem_file.load_problem(write_problem(polygon=[[0, 0]] * 1001))
     assert read == []
-    problem_file.load_problem(declared())
+    problem_file.load_problem(write_problem())
     assert len(read) == 8
 
 
-def test_numbers_are_read_exactly(declared):
+def test_numbers_are_read_exactly(write_problem):
     """20 digits, which no float has, and 1_000, which is what it looks like."""
-    problem = problem_file.load_problem(declared(f="0.12345678901234567891", g="1_000"))
+    problem = problem_file.load_problem(write_problem(f="0.12345678901234567891", g="1_000"))
     assert problem.f.rational == Fraction(12345678901234567891, 10**20)
     assert [g.rational for g in problem.g] == [1000] * 4
 
 
-def test_a_jump_at_a_free_side_is_harmless(declared):
-    problem = problem_file.load_problem(declared(g='["1 - x", null, 0, null]', free_sides="[1, 3]"))
+def test_a_jump_at_a_free_side_is_harmless(write_problem):
+    problem = problem_file.load_problem(write_problem(g='["1 - x", null, 0, null]', free_sides="[1, 3]"))
     assert problem.enclosed_obstacle.range(0) == pytest.approx((0, 1))
     assert problem.enclosed_obstacle.range(1) == (-np.inf, -np.inf)
 
 
 @pytest.mark.parametrize("content", ["", "- 1\n"])
-def test_files_that_declare_nothing(tmp_path, content):
+def test_files_that_declare_nothing_are_refused(tmp_path, content):
     (tmp_path / "own.yaml").write_text(content)
     with sentences.raises(InputError):
         problem_file.is_problem_file(str(tmp_path / "own.yaml"))
 
 
-def test_a_problem_is_told_from_a_case_by_its_fields(declared, tmp_path):
+def test_a_problem_is_told_from_a_case_by_its_fields(write_problem, tmp_path):
     case = tmp_path / "case.yaml"
     case.write_text("title: a case\npolygons: any\nu: []\n")
-    assert problem_file.is_problem_file(declared())
-    assert problem_file.is_problem_file(declared(polygon=None, g=None))
+    assert problem_file.is_problem_file(write_problem())
+    assert problem_file.is_problem_file(write_problem(polygon=None, g=None))
     assert not problem_file.is_problem_file(str(case))
     assert not problem_file.is_problem_file("natural")
 
 
-def test_terms_that_cancel_are_no_reason_to_refuse(declared):
+def test_terms_that_cancel_are_no_reason_to_refuse(write_problem):
     """(x - 20)^12, expanded, near x = 20: its terms are as large as 924 * 20^12, its values 1."""
     twelfth = sympy.expand((sympy.Symbol("x") - 20) ** 12)
-    found = problem_file.load_problem(
-        declared(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0)
+    problem = problem_file.load_problem(
+        write_problem(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0)
     )
-    assert found.range_of_f[0] <= 0 <= 1 <= found.range_of_f[1] < np.inf
+    assert problem.range_of_f[0] <= 0 <= 1 <= problem.range_of_f[1] < np.inf
     assert (
         0
-        < source.enclose_function(make_unstructured_mesh(found.polygon, 1 / 4), found.source).remainder_norm
+        < source.enclose_function(
+            make_unstructured_mesh(problem.polygon, 1 / 4), problem.source
+        ).remainder_norm
         < 1e7
     )
 
@@ -422,16 +424,16 @@ def test_terms_that_cancel_are_no_reason_to_refuse(declared):
         ('["-1+4*exp(-((x-31415/100000)*10**6)**2)", -1, -1, -1]', 150),
     ],
 )
-def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(declared, g, pieces):
+def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(write_problem, g, pieces):
     """To 1e-10 and better. The smooth one takes 100^(1/8) times the pieces that 1e-8 would take, of degree 7.
 
     In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations. Sides on which
     g is as small as 1e-117 are not counted: they have more pieces, for g is known as well relative to that.
     """
-    found = problem_file.load_problem(declared(f=-1, g=g)).enclosed_obstacle
-    counted = [side for side in range(4) if np.abs(found.range(side)).max() > 1e-100]
-    assert np.count_nonzero(np.isin(found.side, counted)) <= pieces
-    assert found.remainder.max() <= (1e-7 if "10**6" in g else 1e-10)
+    enclosed_obstacle = problem_file.load_problem(write_problem(f=-1, g=g)).enclosed_obstacle
+    counted = [side for side in range(4) if np.abs(enclosed_obstacle.range(side)).max() > 1e-100]
+    assert np.count_nonzero(np.isin(enclosed_obstacle.side, counted)) <= pieces
+    assert enclosed_obstacle.remainder.max() <= (1e-7 if "10**6" in g else 1e-10)
 
 
 @pytest.mark.parametrize(
@@ -442,9 +444,9 @@ def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(declared, g, pieces):
         ('["exp(-1e12*(x - 0.3123)**2) - 1000*pos(x - 1/2, 1)", "-500", "-500", "-500*y"]', 0.3123),
     ],
 )
-def test_a_peak_of_g_is_not_hidden_by_values_that_u_cannot_reach(declared, g, peak):
+def test_a_peak_of_g_is_not_hidden_by_values_that_u_cannot_reach(write_problem, g, peak):
     """u >= -1 = inf f: what g is below that, on this side or another one, says nothing of its size."""
-    found = problem_file.load_problem(declared(f=-1, g=g)).enclosed_obstacle
-    near = (found.points[:-1] <= peak) & (found.points[1:] >= peak)
-    assert found.upper[near].max() == pytest.approx(1, abs=1e-3)
-    assert found.remainder[near].max() <= 1e-8
+    enclosed_obstacle = problem_file.load_problem(write_problem(f=-1, g=g)).enclosed_obstacle
+    near = (enclosed_obstacle.points[:-1] <= peak) & (enclosed_obstacle.points[1:] >= peak)
+    assert enclosed_obstacle.upper[near].max() == pytest.approx(1, abs=1e-3)
+    assert enclosed_obstacle.remainder[near].max() <= 1e-8

@@ -30,23 +30,23 @@ SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 )
 def test_the_integral_of_f_is_the_closed_form(f, integral):
     """A quarter of the disc of area 1 is 1/4. Control: a number that is off by 1e-4."""
-    found = source.enclose_function(
+    enclosure = source.enclose_function(
         make_structured_mesh(square(), 1 / 8), ul.Problem(SQUARE, f=f, g=-9).source
     )
-    assert found.remainder_norm <= 1e-4
-    assert found.moments().sum() == pytest.approx(integral, abs=found.remainder_norm + 1e-14)
+    assert enclosure.remainder_norm <= 1e-4
+    assert enclosure.moments().sum() == pytest.approx(integral, abs=enclosure.remainder_norm + 1e-14)
     if "pos" in f:
-        assert found.remainder_norm <= 1e-10
-        assert found.moments().sum() != pytest.approx(integral + 1e-4, abs=found.remainder_norm)
+        assert enclosure.remainder_norm <= 1e-10
+        assert enclosure.moments().sum() != pytest.approx(integral + 1e-4, abs=enclosure.remainder_norm)
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_jump_beside_a_root_that_has_no_range_on_large_pieces():
+def test_the_integral_over_a_jump_beside_a_root_is_the_closed_form():
     """With d = 1/1000, H'' = (t^2 + d)^(1/2): the integral is H(2/3) - H(0) + H(1) - H(1/3).
 
     On a piece that x = y crosses the terms of (x - y)^2, multiplied out, may be as small as -2.
     """
-    found = source.enclose_function(
+    enclosure = source.enclose_function(
         make_structured_mesh(square(), 1 / 2),
         ul.Problem(SQUARE, f="pos(x - 1/3, 0)*sqrt(x**2 - 2*x*y + y**2 + 1/1000)", g=-9).source,
     )
@@ -56,8 +56,10 @@ def test_a_jump_beside_a_root_that_has_no_range_on_large_pieces():
         root = np.sqrt(t**2 + d)
         return root**3 / 6 + d / 2 * (t * np.arcsinh(t / np.sqrt(d)) - root)
 
-    assert found.remainder_norm <= 1e-4
-    assert found.moments().sum() == pytest.approx(H(2 / 3) - H(0) + H(1) - H(1 / 3), abs=found.remainder_norm)
+    assert enclosure.remainder_norm <= 1e-4
+    assert enclosure.moments().sum() == pytest.approx(
+        H(2 / 3) - H(0) + H(1) - H(1 / 3), abs=enclosure.remainder_norm
+    )
 
 
 @pytest.mark.parametrize(
@@ -74,7 +76,7 @@ def test_a_line_with_irrational_numbers_is_the_line_up_to_rounding(a, exact):
     (kink,) = zero_curve(parse_formula(a, "xy", "f"))
     points = np.random.default_rng(1).random((20, 2))
     with mpmath.workdps(50):
-        slope_x, slope_y, constant = (mpmath.mpf(each) for each in exact(mpmath))
+        slope_x, slope_y, constant = map(mpmath.mpf, exact(mpmath))
         size = mpmath.hypot(slope_x, slope_y)
         distances = [float((slope_x * x + slope_y * y + constant) / size) for x, y in points.tolist()]
     assert kink.signed_distances(points) == pytest.approx(distances, abs=4 * 2.0**-52)

@@ -57,7 +57,7 @@ class Drawn:
         return max(np.abs(self.ends[i]).max() for i in range(4) if self.kinds[i] != FREE)
 
 
-def drawn(seed, kept, operations=OPERATIONS):
+def draw_problem(seed, retained, operations=OPERATIONS):
     """Numbers of 1e-12 to 1e12 at the vertices. At one of them the two that meet differ.
 
     That is by a hundredth of what counts as rounding, or by ten times as much and up to everything. What
@@ -69,12 +69,12 @@ def drawn(seed, kept, operations=OPERATIONS):
         meet = [i for i in range(4) if FREE not in (kinds[i - 1], kinds[i])]
         if meet:
             break
-    at = rng.choice([-1.0, 1.0], 4) * 10 ** rng.uniform(-12, 12, 4) * (rng.random(4) < 0.9)
-    ends = np.stack([at, np.roll(at, -1)], axis=1)
+    position = rng.choice([-1.0, 1.0], 4) * 10 ** rng.uniform(-12, 12, 4) * (rng.random(4) < 0.9)
+    ends = np.stack([position, np.roll(position, -1)], axis=1)
     for i in range(4):  # u may be above g by any amount
-        for other in (i - 1, (i + 1) % 4):
-            if kinds[i] == CLAMPED and kinds[other] == CONTACT and rng.random() < 0.3:
-                ends[other, 1 if other in (i - 1, i + 3) else 0] -= 10 ** rng.uniform(-12, 12)
+        for second in (i - 1, (i + 1) % 4):
+            if kinds[i] == CLAMPED and kinds[second] == CONTACT and rng.random() < 0.3:
+                ends[second, 1 if second in (i - 1, i + 3) else 0] -= 10 ** rng.uniform(-12, 12)
     vertex = int(rng.choice(meet))
     before = ends[vertex - 1]
     after = ends[vertex]
@@ -83,12 +83,12 @@ def drawn(seed, kept, operations=OPERATIONS):
     fits = rng.random() < 0.5
     wrong = None
     if fits:
-        after[0] = before[1] * (1 + 1e-2 * kept * rng.choice([-1, 1]))
+        after[0] = before[1] * (1 + 1e-2 * retained * rng.choice([-1, 1]))
     else:
-        wrong = 10 ** rng.uniform(0, 6) * 10 * (kept * max(abs(before[1]), 1e-12) + rounding)
+        wrong = 10 ** rng.uniform(0, 6) * 10 * (retained * max(abs(before[1]), 1e-12) + rounding)
         lower_g = kinds[vertex] == CONTACT or kinds[vertex] == kinds[vertex - 1]
         after[0] = before[1] + (wrong if lower_g else -wrong)
-        wrong *= 1 - kept
+        wrong *= 1 - retained
     return Drawn(kinds, ends, wrong, (1.0, 1.0) if rng.random() < 0.5 else tuple(10 ** rng.uniform(-3, 3, 2)))
 
 
@@ -106,21 +106,22 @@ def trace(i, start, end):
     return NodalTrace(t, np.append(start + (end - start) * t[:-1], end))
 
 
-def checked(of, given):
+def check_problem(problem, data):
     """The problem, checked as those of users are."""
-    sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
-    free = tuple(i for i in range(4) if of.kinds[i] == FREE)
-    clamped = tuple(i for i in range(4) if of.kinds[i] == CLAMPED)
+    sides = {i: data(i, *problem.ends[i]) for i in range(4) if problem.kinds[i] != FREE}
+    free = tuple(i for i in range(4) if problem.kinds[i] == FREE)
+    clamped = tuple(i for i in range(4) if problem.kinds[i] == CLAMPED)
     g = [sides.get(i, ZERO) for i in range(4)]
-    k, c = (parse_formula(repr(float(each)), (), "drawn") for each in of.kc)
-    found = Problem("drawn", UNIT, ZERO, tuple(g), free, k, c, clamped_sides=clamped)
-    if given is function:
-        return build.put_on_mesh(found, MESH)
-    check_data(found, "drawn")
-    return found
+    k = parse_formula(repr(float(problem.kc[0])), (), "drawn")
+    c = parse_formula(repr(float(problem.kc[1])), (), "drawn")
+    posed = Problem("drawn", UNIT, ZERO, tuple(g), free, k, c, clamped_sides=clamped)
+    if data is function:
+        return build.put_on_mesh(posed, MESH)
+    check_data(posed, "drawn")
+    return posed
 
 
-def of_mesh(problem):
+def make_constraint(problem):
     """The constraint on MESH."""
     return build_constraint(problem.enclosed_obstacle, MESH, problem_form(problem, MESH))
 
@@ -131,19 +132,19 @@ def missing_of(g):
     return feasible.bound_shortfall(g, H1, v, g.clamped_edges, np.zeros((len(g.unknowns), 2)))
 
 
-@pytest.mark.parametrize(("given", "draws"), [(formula, DRAWS), (trace, DRAWS // 3)])
-def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(given, draws):
+@pytest.mark.parametrize(("data", "draws"), [(formula, DRAWS), (trace, DRAWS // 3)])
+def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(data, draws):
     """As they were drawn. Control: in units of the largest number on all sides many jumps are rounding."""
     passed_before = refused = 0
     for seed in range(draws):
-        of = drawn(seed, obstacle_and_flux.VERTEX_JUMP_TOLERANCE)
-        if of.wrong is not None:
+        problem = draw_problem(seed, obstacle_and_flux.VERTEX_JUMP_TOLERANCE)
+        if problem.wrong is not None:
             with pytest.raises(ul.InputError, match=REFUSED):
-                checked(of, given)
+                check_problem(problem, data)
             refused += 1
-            passed_before += of.wrong < obstacle_and_flux.VERTEX_JUMP_TOLERANCE * of.largest
+            passed_before += problem.wrong < obstacle_and_flux.VERTEX_JUMP_TOLERANCE * problem.largest
             continue
-        g = of_mesh(checked(of, given))
+        g = make_constraint(check_problem(problem, data))
         assert not np.any(g.clamped_edges & g.has_jump), seed
         assert math.isfinite(missing_of(g).extension_norm), seed
     assert draws // 3 < refused < 2 * draws // 3
@@ -153,12 +154,12 @@ def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(given, draws):
 def test_functions_are_compared_by_the_digits_that_they_keep():
     """As above: functions that fit have one value at a vertex, and are lifted."""
     for seed in range(DRAWS // 2):
-        of = drawn(seed, build.FUNCTION_ACCURACY)
-        if of.wrong is not None:
+        problem = draw_problem(seed, build.FUNCTION_ACCURACY)
+        if problem.wrong is not None:
             with pytest.raises(ul.InputError, match=REFUSED):
-                checked(of, function)
+                check_problem(problem, function)
             continue
-        g = of_mesh(checked(of, function))
+        g = make_constraint(check_problem(problem, function))
         assert not np.any(g.clamped_edges & g.has_jump), seed
         assert math.isfinite(missing_of(g).extension_norm), seed
 
@@ -171,19 +172,19 @@ NEAR_0 = [
 ]
 
 
-@pytest.mark.parametrize(("left", "right", "f_left", "f_right"), NEAR_0)
-def test_numbers_that_cancel_at_a_vertex_are_rounded_like_their_terms(left, right, f_left, f_right):
+@pytest.mark.parametrize(("remaining", "right", "f_left", "f_right"), NEAR_0)
+def test_numbers_that_cancel_at_a_vertex_are_rounded_like_their_terms(remaining, right, f_left, f_right):
     """At (1, 0); sin(pi) is 1.2e-16 to NumPy. Control: ten times the rounding more is a jump."""
-    given = {"f": 0, "free_sides": [2, 3]}
-    if "pos" not in left:
-        ul.Problem(square(), g=[left, right, None, None], **given)
-        ul.Problem(square(), u={0: left, 1: right}, g=[None] * 4, **given)
+    remaining_data = {"f": 0, "free_sides": [2, 3]}
+    if "pos" not in remaining:
+        ul.Problem(square(), g=[remaining, right, None, None], **remaining_data)
+        ul.Problem(square(), u={0: remaining, 1: right}, g=[None] * 4, **remaining_data)
         with sentences.raises(ul.InputError):
-            ul.Problem(square(), g=[left, f"{right} + 1e-6", None, None], **given)
+            ul.Problem(square(), g=[remaining, f"{right} + 1e-6", None, None], **remaining_data)
     if f_left:
-        ul.Problem(MESH, g=[f_left, f_right, None, None], **given)
+        ul.Problem(MESH, g=[f_left, f_right, None, None], **remaining_data)
         with sentences.raises(ul.InputError):
-            ul.Problem(MESH, g=[f_left, f_right + 1e-6, None, None], **given)
+            ul.Problem(MESH, g=[f_left, f_right + 1e-6, None, None], **remaining_data)
 
 
 @pytest.mark.parametrize("n", [4, 300])
@@ -230,9 +231,9 @@ def test_a_large_number_on_another_side_hides_no_jump(fields, u, message, c):
 
 def test_numbers_that_differ_are_told_apart():
     """1e9 and 1e9 + 1/100 agree in 10 digits, so 12 are written. Control: 0 and 1 have one."""
-    for g, told in (([1e9, 1e9 + 0.01, None, None], "from 1000000000 on side 0 to 1000000000.01 on side 1"),
+    for g, report in (([1e9, 1e9 + 0.01, None, None], "from 1000000000 on side 0 to 1000000000.01 on side 1"),
                     ([0, 1, None, None], "from 0 on side 0 to 1 on side 1")):  # fmt: skip
-        with sentences.raises(ul.InputError, told):
+        with sentences.raises(ul.InputError, report):
             ul.Problem(square(), -1, g, free_sides=[2, 3])
     with sentences.raises(ul.InputError):
         ul.Problem(square(), -1, [1e9 + 0.01, None, None, None], free_sides=[1, 2], u={3: 1e9})
@@ -267,8 +268,8 @@ STEEP = "tanh({}*(y - 1))"
 )
 def test_no_bound_is_finite_where_rounding_hides_a_jump(slope, u, finite):
     """u = 1 at the vertex is 1 off, which no u in H^1 is. Control: a slope of 1e5 leaves enough digits."""
-    given = {1: STEEP.format(slope), 2: u}
-    s = ul.solve(ul.Problem(UNIT, 0, [-9, None, None, -9], u=given), h=1 / 4, H=1 / 2)
+    clamped_values = {1: STEEP.format(slope), 2: u}
+    s = ul.solve(ul.Problem(UNIT, 0, [-9, None, None, -9], u=clamped_values), h=1 / 4, H=1 / 2)
     assert math.isfinite(s.bounds.u) == math.isfinite(s.bounds.multiplier) == finite
     assert ("guaranteed" in repr(s.bounds)) == finite
 
@@ -282,11 +283,17 @@ def test_a_steep_u_that_is_above_g_has_a_bound():
 
 
 @pytest.mark.parametrize("c", [0, 1])
-@pytest.mark.parametrize("least", [-1, -1e9, -1e12])
-def test_a_bound_is_above_the_error_and_what_was_taken_for_rounding(least, c):
+@pytest.mark.parametrize("minimum", [-1, -1e9, -1e12])
+def test_a_bound_is_above_the_error_and_what_was_taken_for_rounding(minimum, c):
     """u = 1 + x, but given as 1 + 5e-13 at x = 0: in L2 alone that is more than 1e-13 from u."""
     problem = ul.Problem(
-        UNIT, c if c == 0 else "1 + x", [least, None, None, None], [1], q=1, u={2: "1 + x", 3: 1 + 5e-13}, c=c
+        UNIT,
+        c if c == 0 else "1 + x",
+        [minimum, None, None, None],
+        [1],
+        q=1,
+        u={2: "1 + x", 3: 1 + 5e-13},
+        c=c,
     )
     s = ul.solve(problem, h=1 / 8, H=1 / 4)
     error = np.abs(s.u - 1 - s.mesh.points[:, 0]).max()
@@ -309,11 +316,11 @@ def test_no_obstacle_is_dropped():
     refused = 0
     for _ in range(DRAWS):
         kinds = rng.choice([CLAMPED, CONTACT, FREE], size=4).tolist()
-        given = [kind == CONTACT for kind in kinds]
+        obstacle_given = [kind == CONTACT for kind in kinds]
         wrong = int(rng.integers(4)) if rng.random() < 0.5 else None
         if wrong is not None:
-            given[wrong] = not given[wrong]
-        g = [entry(rng, each) for each in given]
+            obstacle_given[wrong] = not obstacle_given[wrong]
+        g = [entry(rng, has_obstacle) for has_obstacle in obstacle_given]
         sides = {kind: [i for i in range(4) if kinds[i] == kind] for kind in (CLAMPED, CONTACT, FREE)}
         options = {"free_sides": sides[FREE], "u": dict.fromkeys(sides[CLAMPED], 0.0)}
         if wrong is None:
@@ -330,5 +337,5 @@ def test_no_obstacle_is_dropped():
 
 def value_of_g(problem, side):
     """g at the start of a side, whichever way it was given."""
-    given = problem.g[side]
-    return given.values[0] if isinstance(given, NodalTrace) else float(given.rational)
+    g = problem.g[side]
+    return g.values[0] if isinstance(g, NodalTrace) else float(g.rational)

@@ -17,9 +17,9 @@ SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 @pytest.mark.parametrize(("bound", "size"), [(1.0, 3.0), (0.1, 0.3), (2.0, 7e-300), (1.0, 1.0), (0.0, 1.0)])
 def test_a_relative_bound_is_rounded_up(bound, size):
     """In rational arithmetic: never below the quotient, and above it by two units at most."""
-    found = Fraction(relative_bound(bound, size))
+    fraction = Fraction(relative_bound(bound, size))
     exact = Fraction(bound) / Fraction(size)
-    assert exact < found <= exact * (1 + Fraction(2, 2**52)) + Fraction(5e-324)
+    assert exact < fraction <= exact * (1 + Fraction(2, 2**52)) + Fraction(5e-324)
 
 
 @pytest.mark.parametrize("size", [0.0, -1.0, math.nan])
@@ -28,47 +28,47 @@ def test_nothing_is_relative_to_what_may_be_0(size):
 
 
 def test_bounds_print_no_part_that_is_not_known():
-    known = Bounds(0.5, math.nan, 0.0)
-    assert repr(known) == "Bounds: ||u - u_h||_1 at most 0.5, guaranteed"
+    known_bounds = Bounds(0.5, math.nan, 0.0)
+    assert repr(known_bounds) == "Bounds: ||u - u_h||_1 at most 0.5, guaranteed"
 
 
-def test_bounds_are_printed_in_the_norm_of_the_problem(clamped):
+def test_bounds_are_printed_in_the_norm_of_the_problem(clamped_solution):
     """That of u is k^(1/2) |.|_1 if c = 0."""
-    assert repr(clamped.bounds).startswith("Bounds: k^(1/2) |u - u_h|_1 at most ")
-    other = ul.solve("natural", h=1 / 8, H=1 / 4)
-    assert repr(other.bounds).startswith("Bounds: ||u - u_h||_1 at most ")
+    assert repr(clamped_solution.bounds).startswith("Bounds: k^(1/2) |u - u_h|_1 at most ")
+    other_solution = ul.solve("natural", h=1 / 8, H=1 / 4)
+    assert repr(other_solution.bounds).startswith("Bounds: ||u - u_h||_1 at most ")
 
 
 @pytest.fixture(scope="module")
-def clamped():
+def clamped_solution():
     """k = 2, c = 0, clamped on the left."""
     problem = ul.Problem(SQUARE, -1, [None, -1, None, None], [0, 2], k=2, c=0, u={3: 0})
     return ul.solve(problem, h=1 / 8, H=1 / 4)
 
 
-def test_norms_are_named_with_their_coefficients(clamped):
-    found = clamped.certificate()["norms"]
-    assert found["h1"] == "k^(1/2) |v|_1 = k^(1/2) ||grad v||_0"
-    assert found["hm12"].endswith("over v that vanish on clamped sides")
-    other = ul.solve("natural", h=1 / 8, H=1 / 4).certificate()["norms"]
-    assert other["h1"].startswith("||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)")
-    assert "clamped" not in other["hm12"]
+def test_norms_are_named_with_their_coefficients(clamped_solution):
+    norms = clamped_solution.certificate()["norms"]
+    assert norms["h1"] == "k^(1/2) |v|_1 = k^(1/2) ||grad v||_0"
+    assert norms["hm12"].endswith("over v that vanish on clamped sides")
+    other_norms = ul.solve("natural", h=1 / 8, H=1 / 4).certificate()["norms"]
+    assert other_norms["h1"].startswith("||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)")
+    assert "clamped" not in other_norms["hm12"]
 
 
-def test_the_algebraic_error_of_lambda_is_divided_by_beta_or_unknown(clamped, monkeypatch):
+def test_the_algebraic_error_of_lambda_is_divided_by_beta_or_unknown(clamped_solution, monkeypatch):
     """On large meshes beta takes too long, and where it may be 0 nothing is known."""
-    found = clamped.certificate()
-    assert 0 < found["beta"] < 1
-    assert found["hm12_algebraic_bound"] == found["algebraic_bound"] / found["beta"]
+    certificate = clamped_solution.certificate()
+    assert 0 < certificate["beta"] < 1
+    assert certificate["hm12_algebraic_bound"] == certificate["algebraic_bound"] / certificate["beta"]
     monkeypatch.setattr(record, "MAX_NODES_FOR_BETA", 10)
-    unknown = clamped.certificate()
+    unknown = clamped_solution.certificate()
     assert math.isnan(unknown["beta"])
     assert math.isnan(unknown["hm12_algebraic_bound"])
 
 
 @pytest.mark.parametrize(("norm", "field"), [("h1", "h1_bound"), ("hm12", "hm12_bound")])
 def test_the_total_bound_is_that_of_the_norm_that_was_asked_for(norm, field):
-    found = ul.solve("natural", accuracy=0.5, norm=norm).certificate()
-    assert found["norm"] == norm
-    assert found["total_bound"] == found[field]
-    assert found["h1_bound"] != found["hm12_bound"]
+    certificate = ul.solve("natural", accuracy=0.5, norm=norm).certificate()
+    assert certificate["norm"] == norm
+    assert certificate["total_bound"] == certificate[field]
+    assert certificate["h1_bound"] != certificate["hm12_bound"]

@@ -29,7 +29,7 @@ def obstacle(x, y):
     return -x * y / 2
 
 
-def cut():
+def make_clamped_problem():
     """In contact on part of sides 1 and 2, clamped on side 0."""
     return ul.Problem(SQUARE, f="x - 2", g=[None, "-x*y/3", "-x*y/3", 0], u={0: 0})
 
@@ -37,8 +37,10 @@ def cut():
 PROBLEMS = {
     "case": lambda: ul.solve(ul.case("thirds", "lshape", 1), h=1 / 8, H=1 / 4),
     "singular case": lambda: ul.solve("singular", h=1 / 8, H=1 / 4),
-    "clamped": lambda: ul.solve(cut(), h=1 / 8, H=1 / 4),
-    "multigrid": lambda: ul.solve(cut(), h=1 / 48, H=1 / 24, stop=Stop(algorithm="multigrid")),
+    "clamped": lambda: ul.solve(make_clamped_problem(), h=1 / 8, H=1 / 4),
+    "multigrid": lambda: ul.solve(
+        make_clamped_problem(), h=1 / 48, H=1 / 24, stop=Stop(algorithm="multigrid")
+    ),
     "gmsh": lambda: ul.solve(ul.load(ROOT / "examples/shelter.yaml"), h=1 / 7, H=1 / 3),
     "accuracy": lambda: ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.3),
     "sharp accuracy": lambda: ul.solve(ul.load(ROOT / "examples/step.yaml"), accuracy=0.3, norm="hm12"),
@@ -49,15 +51,17 @@ PROBLEMS = {
     "functions": lambda: ul.solve(
         ul.Problem(SQUARE, f=source, g=[obstacle, "-y/2", "-x/2", 0], k=2), **SIZES
     ),
-    "arrays": lambda: _of_arrays(),
-    "solver": lambda: ul.Solver(cut(), **SIZES)(f="x - 3", g=[None, "-x*y/3", "-x/3", 0]),
-    "another program's": lambda: _of_another_program(),
-    "not converged": lambda: _quiet(ul.solve, cut(), **SIZES, stop=Stop(algorithm="uzawa", max_steps=3)),
-    "missed": lambda: _quiet(ul.solve, cut(), accuracy=1e-3, max_unknowns=100),
+    "arrays": lambda: _solve_arrays(),
+    "solver": lambda: ul.Solver(make_clamped_problem(), **SIZES)(f="x - 3", g=[None, "-x*y/3", "-x/3", 0]),
+    "another program's": lambda: _certify_foreign(),
+    "not converged": lambda: _quiet(
+        ul.solve, make_clamped_problem(), **SIZES, stop=Stop(algorithm="uzawa", max_steps=3)
+    ),
+    "missed": lambda: _quiet(ul.solve, make_clamped_problem(), accuracy=1e-3, max_unknowns=100),
 }
 
 
-def _of_arrays():
+def _solve_arrays():
     """f, g on two sides and q on another as arrays at the nodes of a mesh that was halved."""
     mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1), (0.4, 0.6)], [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)])
     mesh = ul.mesh(mesh, halvings=3)
@@ -67,7 +71,7 @@ def _of_arrays():
     return ul.solve(problem, H=1 / 4)
 
 
-def _of_another_program():
+def _certify_foreign():
     s = ul.solve(ul.Problem(SQUARE, f="x - 2", g="-x*y/3"), **SIZES)
     return _quiet(ul.certify, s.problem, s.mesh, s.u + 0.01)
 
@@ -78,7 +82,7 @@ def _quiet(call, *arguments, **named):
 
 
 @cache
-def solved(name):
+def solve_once(name):
     """Each of the problems, solved once."""
     return PROBLEMS[name]()
 
@@ -88,8 +92,8 @@ def values(s):
     arrays = [s.u, s.multiplier, s.gap, s.mesh.points, s.mesh.triangles]
     points = np.random.default_rng(1).uniform(*np.array(s.polygon.vertices)[[0, 2]], (20, 2))
     arrays += [s.u_at(points), s.grad_at(points), s.flux_at(points)]
-    known = [s.bounds, s.sharp_bounds, s.forces().whole, s.forces().reactions, s.certificate()]
-    return [[array.tobytes() for array in arrays], repr(known), repr(s), s.contact.intervals]
+    expected = [s.bounds, s.sharp_bounds, s.forces().whole, s.forces().reactions, s.certificate()]
+    return [[array.tobytes() for array in arrays], repr(expected), repr(s), s.contact.intervals]
 
 
 WAYS = {
@@ -115,49 +119,55 @@ def test_copies_and_pickles_are_the_same(name, way):
 
 def test_another_solution_is_not_the_same():
     """Control: of finer cells."""
-    assert values(solved("clamped")) != values(ul.solve(cut(), h=1 / 8, H=1 / 2))
+    assert values(solve_once("clamped")) != values(ul.solve(make_clamped_problem(), h=1 / 8, H=1 / 2))
 
 
 def test_copies_of_problems_are_solved_alike():
     for name in ("case", "clamped", "flux"):
-        problem = solved(name).problem
+        problem = solve_once(name).problem
         again = pickle.loads(pickle.dumps(problem))
-        one = ul.solve(again, h=1 / 8, H=1 / 4)
-        other = ul.solve(problem, h=1 / 8, H=1 / 4)
-        np.testing.assert_array_equal(one.u, other.u)
+        solution = ul.solve(again, h=1 / 8, H=1 / 4)
+        other_solution = ul.solve(problem, h=1 / 8, H=1 / 4)
+        np.testing.assert_array_equal(solution.u, other_solution.u)
 
 
-def parts(of, seen):
+def collect_values(value, calls):
     """Everything that an object is made of."""
-    if id(of) in seen or isinstance(of, np.ndarray | str | float | int | type(None)):
+    if id(value) in calls or isinstance(value, np.ndarray | str | float | int | type(None)):
         return
-    seen[id(of)] = of
-    inner = list(of.values()) if isinstance(of, dict) else list(of) if isinstance(of, list | tuple) else []
-    for each in [*inner, *vars(of).values()] if hasattr(of, "__dict__") else inner:
-        parts(each, seen)
+    calls[id(value)] = value
+    inner = (
+        list(value.values())
+        if isinstance(value, dict)
+        else list(value)
+        if isinstance(value, list | tuple)
+        else []
+    )
+    for member in [*inner, *vars(value).values()] if hasattr(value, "__dict__") else inner:
+        collect_values(member, calls)
 
 
 @pytest.mark.parametrize("name", ["case", "multigrid", "accuracy"])
 def test_a_solution_holds_no_solver(name):
     """No discrete problem, no factors, no matrices; control: a solver holds them."""
-    kept = {}
+    alive = {}
     solver = {}
-    parts(solved(name), kept)
-    parts(ul.Solver(cut(), **SIZES), solver)
+    collect_values(solve_once(name), alive)
+    collect_values(ul.Solver(make_clamped_problem(), **SIZES), solver)
     forbidden = (DiscreteProblem, CondensedMatrix, DualOperator)
-    assert any(isinstance(each, DiscreteSolution) for each in kept.values())
-    assert not [each for each in kept.values() if isinstance(each, forbidden)]
-    assert [each for each in solver.values() if isinstance(each, forbidden)]
-    modules = {type(each).__module__.partition(".")[0] for each in kept.values()}
+    assert any(isinstance(value, DiscreteSolution) for value in alive.values())
+    assert not [value for value in alive.values() if isinstance(value, forbidden)]
+    assert [attribute for attribute in solver.values() if isinstance(attribute, forbidden)]
+    modules = {type(value).__module__.partition(".")[0] for value in alive.values()}
     assert "scipy" not in modules
-    assert "scipy" in {type(each).__module__.partition(".")[0] for each in solver.values()}
+    assert "scipy" in {type(attribute).__module__.partition(".")[0] for attribute in solver.values()}
 
 
 def test_withdrawn_bounds_stay_withdrawn(monkeypatch):
     """Of a solution none of whose levels is believed; control: as it is, it has bounds."""
-    assert solved("accuracy").bounds is not None
+    assert solve_once("accuracy").bounds is not None
     monkeypatch.setattr("unilateral.adaptive.level.contradict", lambda a, b: True)
-    s = _quiet(ul.solve, cut(), accuracy=0.3)
+    s = _quiet(ul.solve, make_clamped_problem(), accuracy=0.3)
     assert s.bounds is None
     for again in (pickle.loads(pickle.dumps(s)), copy.deepcopy(s)):
         assert again.bounds is None
@@ -166,7 +176,7 @@ def test_withdrawn_bounds_stay_withdrawn(monkeypatch):
 
 def test_a_file_is_read_without_this_package(tmp_path):
     """By xarray, all digits; the two bounds are in it for other readers."""
-    s = solved("flux")
+    s = solve_once("flux")
     s.save(tmp_path / "s.nc")
     with xr.open_dataset(tmp_path / "s.nc") as table:
         np.testing.assert_array_equal(table["u"], s.u)

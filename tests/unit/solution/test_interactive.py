@@ -29,8 +29,8 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 @pytest.fixture(scope="module")
 def solution():
     """With contact, a gap and free sides on which a flux is given."""
-    data = {"g": ["x/10 - 1/10", None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
-    return ul.solve(ul.Problem(SQUARE, f=-1, name="a <b>bold<b> & plain", **data), accuracy=0.1)
+    side_data = {"g": ["x/10 - 1/10", None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
+    return ul.solve(ul.Problem(SQUARE, f=-1, name="a <b>bold<b> & plain", **side_data), accuracy=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -43,16 +43,19 @@ def page(solution, tmp_path_factory):
 def data(path, name):
     """What the file holds of a picture."""
     text = path.read_text(encoding="utf-8")
-    (found,) = re.findall(
+    (json_text,) = re.findall(
         rf'<script type="application/json" id="{name}-data">(.*?)</script>', text, re.DOTALL
     )
-    return json.loads(found)
+    return json.loads(json_text)
 
 
 def traces(path, name):
     """The traces of a picture in the file, by their names, with plain arrays."""
-    found = data(path, name)["data"]
-    return {of.get("name", of["type"]): {key: array(value) for key, value in of.items()} for of in found}
+    traces_of_picture = data(path, name)["data"]
+    return {
+        trace.get("name", trace["type"]): {key: array(value) for key, value in trace.items()}
+        for trace in traces_of_picture
+    }
 
 
 def array(value):
@@ -85,10 +88,12 @@ def test_the_lines_of_contact_and_obstacle_lie_on_the_boundary(solution, page):
     x = np.asarray(lines["contact"]["x"], dtype=float)
     y = np.asarray(lines["contact"]["y"], dtype=float)
     z = np.asarray(lines["contact"]["z"], dtype=float)
-    on = np.isfinite(x)
-    np.testing.assert_allclose(z[on], solution.u_at(np.column_stack([x, y])[on]), rtol=1e-12, atol=1e-15)
-    assert np.count_nonzero(~on) == len(solution.contact.intervals) > 0
-    (name,) = [each for each in lines if each.startswith("obstacle")]
+    finite = np.isfinite(x)
+    np.testing.assert_allclose(
+        z[finite], solution.u_at(np.column_stack([x, y])[finite]), rtol=1e-12, atol=1e-15
+    )
+    assert np.count_nonzero(~finite) == len(solution.contact.intervals) > 0
+    (name,) = [line for line in lines if line.startswith("obstacle")]
     x = np.asarray(lines[name]["x"], dtype=float)
     y = np.asarray(lines[name]["y"], dtype=float)
     z = np.asarray(lines[name]["z"], dtype=float)
@@ -107,17 +112,19 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
     text = page.read_text(encoding="utf-8")
     assert "<h1>a &lt;b&gt;bold&lt;b&gt; &amp; plain</h1>" in text
     assert re.search(r"<p>Error of u in H¹: at most [\d.]+ %, guaranteed\.</p>", text)
-    whole = solution.forces().whole
-    said = re.search(r"∫λ: (\S+), between (\S+) and (\S+), guaranteed", text)
-    value, lower, upper = map(float, said.groups())
-    assert value == pytest.approx(whole.value, rel=1e-3)
-    assert lower <= whole.lower <= whole.upper <= upper
-    assert (lower, upper) == pytest.approx((whole.lower, whole.upper), rel=1e-3)
+    full = solution.forces().whole
+    result = re.search(r"∫λ: (\S+), between (\S+) and (\S+), guaranteed", text)
+    value, lower, upper = map(float, result.groups())
+    assert value == pytest.approx(full.value, rel=1e-3)
+    assert lower <= full.lower <= full.upper <= upper
+    assert (lower, upper) == pytest.approx((full.lower, full.upper), rel=1e-3)
     function = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -x, g=0), h=1 / 8, H=1 / 4)
     text = interactive.render_solution_page(function)
     assert "There is no gap: in contact everywhere." in text
-    said = r"<p>Error of u in H¹: at most \S+( %)?, guaranteed; f linear between the nodes of the mesh\.</p>"
-    assert re.search(said, text)
+    result = (
+        r"<p>Error of u in H¹: at most \S+( %)?, guaranteed; f linear between the nodes of the mesh\.</p>"
+    )
+    assert re.search(result, text)
 
 
 def test_a_mesh_with_too_many_triangles_is_drawn_coarser(monkeypatch, tmp_path):
@@ -128,30 +135,30 @@ def test_a_mesh_with_too_many_triangles_is_drawn_coarser(monkeypatch, tmp_path):
     mesh = traces(tmp_path / "coarse.html", "surface")["mesh3d"]
     n = len(mesh["i"])
     assert 200 < n <= 1000 < len(s.mesh.triangles)
-    said = f"drawn coarser than the mesh: with {n} triangles in place of {len(s.mesh.triangles)}."
-    assert said in (tmp_path / "coarse.html").read_text(encoding="utf-8")
+    text = f"drawn coarser than the mesh: with {n} triangles in place of {len(s.mesh.triangles)}."
+    assert text in (tmp_path / "coarse.html").read_text(encoding="utf-8")
     np.testing.assert_allclose(mesh["z"], s.u_at(np.column_stack([mesh["x"], mesh["y"]])), rtol=1e-12)
     monkeypatch.undo()
     s.save(tmp_path / "fine.html")
     assert "coarser" not in (tmp_path / "fine.html").read_text(encoding="utf-8").partition("<script>")[0]
 
 
-@pytest.mark.parametrize("most", [500, 2000])
-def test_a_coarser_surface_covers_the_domain(most):
+@pytest.mark.parametrize("maximum", [500, 2000])
+def test_a_coarser_surface_covers_the_domain(maximum):
     """On the square, whose corners stay: the triangles' areas sum up to 1, and no triangle is there twice."""
     mesh = make_structured_mesh(square(), 1 / 64)
-    nodes, triangles = cluster_nodes(mesh, most)
-    assert most / 4 < len(triangles) <= most < len(mesh.triangles)
+    nodes, triangles = cluster_nodes(mesh, maximum)
+    assert maximum / 4 < len(triangles) <= maximum < len(mesh.triangles)
     points = mesh.points[nodes]
     assert {tuple(point) for point in points.tolist()} >= {(float(x), float(y)) for x, y in SQUARE}
     a, b, c = points[triangles].transpose(1, 2, 0)
     (x, y) = b - a
     (z, w) = c - a
     assert (0.5 * (x * w - y * z)).sum() == pytest.approx(1, rel=0.02)
-    assert len({tuple(sorted(each)) for each in triangles.tolist()}) == len(triangles)
-    same, whole = cluster_nodes(mesh, len(mesh.triangles))
+    assert len({tuple(sorted(triangle)) for triangle in triangles.tolist()}) == len(triangles)
+    same, full = cluster_nodes(mesh, len(mesh.triangles))
     np.testing.assert_array_equal(same, np.arange(mesh.n_nodes))
-    assert whole is mesh.triangles
+    assert full is mesh.triangles
 
 
 def colours(browser):
@@ -160,7 +167,7 @@ def colours(browser):
     return imread(io.BytesIO(element.screenshot_as_png))[..., :3]
 
 
-def red(picture):
+def count_red_pixels(picture):
     """How many places are as red as contact."""
     return np.count_nonzero(np.abs(picture - RED).max(axis=2) < 0.1)
 
@@ -173,7 +180,7 @@ def test_the_page_is_drawn_without_errors_and_without_a_network(browser, page, s
     assert browser.overflow() == 0
     assert browser.shows("#boundary", "given flux q")
     picture = colours(browser)
-    assert red(picture) > 100
+    assert count_red_pixels(picture) > 100
     assert len(np.unique((16 * picture).astype(int).reshape(-1, 3), axis=0)) > 50
     assert not browser.driver.find_elements("css selector", ".modebar")  # whose buttons send data elsewhere
 
@@ -183,31 +190,35 @@ def test_buttons_turn_the_surface(browser, page):
     browser.open(page)
     eye = "return document.getElementById('surface').layout.scene.camera.eye"
     first = browser.driver.execute_script(eye)
-    buttons = {each.text: each for each in browser.driver.find_elements("css selector", "#views button")}
-    seen = {}
+    buttons = {
+        element.text: element for element in browser.driver.find_elements("css selector", "#views button")
+    }
+    calls = {}
     for name in ("turn left", "tilt up", "nearer", "from above", "reset"):
         buttons[name].send_keys("\n")
-        seen[name] = np.array([browser.driver.execute_script(eye)[axis] for axis in "xyz"])
+        calls[name] = np.array([browser.driver.execute_script(eye)[axis] for axis in "xyz"])
     x = first["x"]
     y = first["y"]
     z = first["z"]
-    turned = seen["turn left"]
+    turned = calls["turn left"]
     angle = np.radians(15)
     expected = [x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle), z]
     np.testing.assert_allclose(turned, expected, rtol=1e-9)
-    assert seen["tilt up"][2] > z
-    assert np.linalg.norm(seen["nearer"]) == pytest.approx(0.8 * np.linalg.norm([x, y, z]))
-    assert seen["from above"][2] > 50 * np.hypot(*seen["from above"][:2])
-    np.testing.assert_allclose(seen["reset"], [x, y, z], rtol=1e-12)
+    assert calls["tilt up"][2] > z
+    assert np.linalg.norm(calls["nearer"]) == pytest.approx(0.8 * np.linalg.norm([x, y, z]))
+    assert calls["from above"][2] > 50 * np.hypot(*calls["from above"][:2])
+    np.testing.assert_allclose(calls["reset"], [x, y, z], rtol=1e-12)
 
 
 def test_a_screen_reader_is_told_what_is_shown(browser, page):
     browser.open(page)
     assert browser.driver.execute_script("return document.documentElement.lang") == "en"
     pictures = browser.driver.find_elements("css selector", "[role=img]")
-    told = [each.get_attribute("aria-label") for each in pictures]
-    assert len(told) == 2
-    assert re.match(r"The solution u_h as a surface over the domain, between \S+ and \S+; contact", told[0])
+    attributes = [picture.get_attribute("aria-label") for picture in pictures]
+    assert len(attributes) == 2
+    assert re.match(
+        r"The solution u_h as a surface over the domain, between \S+ and \S+; contact", attributes[0]
+    )
 
 
 def test_without_webgl_a_sentence_stands_in_place_of_the_surface(browser, page):
@@ -221,7 +232,7 @@ def test_without_webgl_a_sentence_stands_in_place_of_the_surface(browser, page):
     assert (opened.errors, opened.elsewhere) == ([], [])
     assert browser.shows("#surface", "The surface needs WebGL, which this browser does not have")
     assert browser.shows("#boundary", "given flux q")
-    assert red(colours(browser)) == 0
+    assert count_red_pixels(colours(browser)) == 0
     assert not browser.driver.find_element("css selector", "#views").is_displayed()
 
 
@@ -236,24 +247,29 @@ def test_clamped_sides_are_hatched_outside(tmp_path):
     z = np.asarray(line["z"], dtype=float)
     breaks = np.flatnonzero(np.isnan(x))
     assert len(breaks) == 2
-    for part, across, height in (
+    for component, across, height in (
         (slice(0, breaks[0]), y, x / 2),
         (slice(breaks[0] + 1, breaks[1]), x, 0 * x),
     ):
-        feet = across[part][0::3]
-        tips = across[part][1::3]
+        feet = across[component][0::3]
+        tips = across[component][1::3]
         assert len(tips) == len(feet) > 10
         np.testing.assert_allclose(feet, 0, atol=1e-12)
         assert np.all(tips < -0.01)
-        np.testing.assert_allclose(z[part][0::3], height[part][0::3], atol=1e-12)
-        np.testing.assert_array_equal(z[part][0::3], z[part][1::3])
-    said = [each["text"] for each in data(tmp_path / "clamped.html", "boundary")["layout"]["annotations"]]
-    assert [text for text in said if text == "clamped"] == ["clamped"] * 4
+        np.testing.assert_allclose(z[component][0::3], height[component][0::3], atol=1e-12)
+        np.testing.assert_array_equal(z[component][0::3], z[component][1::3])
+    texts = [
+        annotation["text"]
+        for annotation in data(tmp_path / "clamped.html", "boundary")["layout"]["annotations"]
+    ]
+    assert [text for text in texts if text == "clamped"] == ["clamped"] * 4
 
 
 def test_without_clamped_sides_no_line_is_called_so(page):
     assert "clamped" not in traces(page, "surface")
-    assert "clamped" not in [each["text"] for each in data(page, "boundary")["layout"]["annotations"]]
+    assert "clamped" not in [
+        annotation["text"] for annotation in data(page, "boundary")["layout"]["annotations"]
+    ]
 
 
 def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
@@ -272,12 +288,12 @@ def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
 
 def test_sides_have_their_numbers_in_both_pictures():
     s = ul.solve(ul.Problem(SQUARE, -1, 0), h=1 / 8, H=1 / 4)
-    of = plot_data.collect_plot_data(s)
-    numbers = interactive.draw_surface(of).data[-1]
+    collected = plot_data.collect_plot_data(s)
+    numbers = interactive.draw_surface(collected).data[-1]
     assert (numbers.mode, list(numbers.text)) == ("text", ["0", "1", "2", "3"])
     places = np.column_stack([numbers.x, numbers.y])
     middles = s.polygon.at(np.arange(4), s.polygon.lengths / 2)
     assert np.all(np.sum((places - middles) * s.polygon.normals, axis=1) > 0)
     np.testing.assert_allclose(places, middles, atol=0.05)
-    named = [each.text for each in interactive.draw_boundary_graphs(of).layout.annotations]
+    named = [annotation.text for annotation in interactive.draw_boundary_graphs(collected).layout.annotations]
     assert named == ["side 0", "1", "2", "3"]

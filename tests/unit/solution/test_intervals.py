@@ -36,31 +36,31 @@ NUMBER = r"-?[0-9.]+(?:e[+-][0-9]+)?"
 
 def wrong(text, value, lower, upper):
     """What a text says of an interval that is not so; the words are looked for one by one."""
-    found = []
+    computed = []
     has_lower = math.isfinite(lower)
     has_upper = math.isfinite(upper)
     if ("guaranteed" in text) != (has_upper or (has_lower and lower != 0)):
-        found.append("guaranteed")
+        computed.append("guaranteed")
     if re.search(r"\b(nan|inf)\b", text):
-        found.append("a number that is none")
-    said = [math.nan, math.nan]
+        computed.append("a number that is none")
+    values = [math.nan, math.nan]
     if match := re.search(rf"between ({NUMBER}) and ({NUMBER})", text):
-        said = [float(end) for end in match.groups()]
+        values = [float(end) for end in match.groups()]
     elif match := re.search(rf"({NUMBER}) ± ({NUMBER})", text):
         middle, apart = map(float, match.groups())
         if not (has_lower and has_upper and middle - apart <= lower <= upper <= middle + apart):
-            found.append("±")
-        said = [lower, upper]
+            computed.append("±")
+        values = [lower, upper]
     if match := re.search(rf"at least ({NUMBER})", text):
-        said[0] = float(match[1])
+        values[0] = float(match[1])
     if match := re.search(rf"at most ({NUMBER})", text):
-        said[1] = float(match[1])
-    alone = has_lower and lower == 0 and not has_upper
-    for name, end, number in (("lower", lower, said[0]), ("upper", upper, said[1])):
-        known = math.isfinite(end) and not (alone and name == "lower")
-        if known != math.isfinite(number) or (known and not math.isclose(end, number)):
-            found.append(name)
-    return found
+        values[1] = float(match[1])
+    single = has_lower and lower == 0 and not has_upper
+    for name, end, number in (("lower", lower, values[0]), ("upper", upper, values[1])):
+        expected = math.isfinite(end) and not (single and name == "lower")
+        if expected != math.isfinite(number) or (expected and not math.isclose(end, number)):
+            computed.append(name)
+    return computed
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +78,9 @@ def places(solution, monkeypatch):
     def texts(force):
         monkeypatch.setattr(Solution, "force", lambda self, sharp=False, sides=None: force)
         none = dict.fromkeys(("iterations", "hm12_algebraic_bound", "h1_error"), math.nan)
-        found = certificate | none | {"algebraic_bound": math.nan, "seconds": 0.0, "peak_mb": 0.0}
+        computed = certificate | none | {"algebraic_bound": math.nan, "seconds": 0.0, "peak_mb": 0.0}
         row = report.ForceRow("side_1", "force, side 1", force)
-        table = report.format_result(found, None, {}, [row], "", solution.problem)
+        table = report.format_result(computed, None, {}, [row], "", solution.problem)
         return {
             "Force": repr(force),
             "Forces": repr(Forces(force, [force, Force(0.0, 0.0, math.inf)])).partition(" on sides")[0],
@@ -88,13 +88,13 @@ def places(solution, monkeypatch):
             "summary": summary.collect_summary_rows(solution)["force"],
             "notebook": re.search(r"<th>force</th><td>(.*?)</td>", summary.render_summary_html(solution))[1],
             "page": plot_data.describe_force(solution, drawn),
-            "command": re.search("force, side 1 (.*)", table)[1] + ", guaranteed" * bounded(force),
+            "command": re.search("force, side 1 (.*)", table)[1] + ", guaranteed" * has_end(force),
         }
 
     return texts
 
 
-def bounded(force):
+def has_end(force):
     """Whether an end is known. Rows of the command lack the word; the docs say what they are."""
     _, lower, upper = force
     return math.isfinite(upper) or (math.isfinite(lower) and lower != 0)
@@ -121,12 +121,14 @@ def test_what_was_printed_once_is_found_to_be_wrong():
 
 
 def test_forces_say_guaranteed_once_only_if_all_have_bounds():
-    known = Force(1.0, 0.75, 1.25)
+    known_force = Force(1.0, 0.75, 1.25)
     unknown = Force(2.0, 0.0, math.inf)
-    assert repr(Forces(known, [known])) == "Forces: 1.00 ± 0.25; on sides 0: 1.00 ± 0.25; guaranteed"
-    total = repr(Forces(known, [known], {}, Force(1.0, -math.inf, math.inf)))
+    assert (
+        repr(Forces(known_force, [known_force])) == "Forces: 1.00 ± 0.25; on sides 0: 1.00 ± 0.25; guaranteed"
+    )
+    total = repr(Forces(known_force, [known_force], {}, Force(1.0, -math.inf, math.inf)))
     assert total.endswith("sum of forces and reactions: 1, no bound")
-    assert repr(Forces(unknown, [known, unknown], {(1,): Force(math.nan, -math.inf, math.inf)})) == (
+    assert repr(Forces(unknown, [known_force, unknown], {(1,): Force(math.nan, -math.inf, math.inf)})) == (
         "Forces: 2, no upper bound; on sides 0: 1.00 ± 0.25, guaranteed; reaction on side 1: unknown"
     )
 
@@ -145,8 +147,8 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
         assert ("guaranteed" in rows["error of lambda"]) == math.isfinite(multiplier)
         for text in (repr(bounds), *rows.values()):
             assert not re.search(r"\b(nan|inf)\b", text)
-        found = certificate | {"forces": None, "seconds": 0.0, "peak_mb": 0.0}
-        table = report.format_result(found, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem)
+        computed = certificate | {"forces": None, "seconds": 0.0, "peak_mb": 0.0}
+        table = report.format_result(computed, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem)
         assert ("\n  guaranteed  " in table) == math.isfinite(u)
         assert ("\n  also guaranteed  " in table) == math.isfinite(multiplier)
     assert repr(Errors(0.1, math.nan, math.nan, 0.3)) == (
@@ -156,12 +158,12 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
 
 def test_json_has_null_for_an_end_that_is_not_known_and_says_which_is():
     for value, lower, upper in ALL:
-        found = json.loads(json_records.encode_json(interval_record(value, lower, upper)))
-        assert list(found) == ["value", "lower", "upper", "known"]
+        document = json.loads(json_records.encode_json(interval_record(value, lower, upper)))
+        assert list(document) == ["value", "lower", "upper", "known"]
         for name, number in (("value", value), ("lower", lower), ("upper", upper)):
-            assert found[name] == (number if math.isfinite(number) else None)
-        ends = [name for name in ("lower", "upper") if found[name] is not None]
-        assert found["known"] == {0: None, 1: "".join(ends), 2: "both"}[len(ends)]
+            assert document[name] == (number if math.isfinite(number) else None)
+        ends = [name for name in ("lower", "upper") if document[name] is not None]
+        assert document["known"] == {0: None, 1: "".join(ends), 2: "both"}[len(ends)]
 
 
 def test_values_and_ends_are_in_any_format():

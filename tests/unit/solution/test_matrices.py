@@ -13,90 +13,98 @@ EXACTLY = ul.Stop(algorithm="active_set")
 COEFFICIENTS = [{}, {"k": 3, "c": "1/7"}, {"k": "1/50", "c": 4}]
 
 
-def solver(free=(), **given):
+def solver(free=(), **options):
     """On a mesh and cells that do not fit each other."""
-    given = given | ({"free_sides": free, "q": "(x - y)/9"} if free else {})
-    return ul.Solver(ul.Problem(KITE, "x*y - 1", G, **given), h=1 / 7, H=0.3, stop=EXACTLY)
+    options = options | ({"free_sides": free, "q": "(x - y)/9"} if free else {})
+    return ul.Solver(ul.Problem(KITE, "x*y - 1", G, **options), h=1 / 7, H=0.3, stop=EXACTLY)
 
 
-def assembled(mesh, k, c):
+def assemble_by_scikit_fem(mesh, k, c):
     """scikit-fem's A, the load of f = xy - 1 and that of q = (x - y)/9 on side 1, all of them exact."""
-    of = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.astype(np.int64).copy(), validate=False)
-    basis = skfem.Basis(of, skfem.ElementTriP1(), intorder=4)
+    mesh_tri = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.astype(np.int64).copy(), validate=False)
+    basis = skfem.Basis(mesh_tri, skfem.ElementTriP1(), intorder=4)
     form = skfem.BilinearForm(lambda u, v, w: k * dot(grad(u), grad(v)) + c * u * v)
     load = skfem.LinearForm(lambda v, w: (w.x[0] * w.x[1] - 1) * v).assemble(basis)
     a = np.array(KITE[1])
     b = np.array(KITE[2])
-    on = of.facets_satisfying(
+    subset = mesh_tri.facets_satisfying(
         lambda x: np.abs((x[0] - a[0]) * (b - a)[1] - (x[1] - a[1]) * (b - a)[0]) < 1e-9, boundaries_only=True
     )
-    facets = skfem.FacetBasis(of, skfem.ElementTriP1(), facets=on, intorder=4)
+    facets = skfem.FacetBasis(mesh_tri, skfem.ElementTriP1(), facets=subset, intorder=4)
     flux = skfem.LinearForm(lambda v, w: (w.x[0] - w.x[1]) / 9 * v).assemble(facets)
     return form.assemble(basis), load, flux
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("data", COEFFICIENTS)
 @pytest.mark.parametrize("free", [(), (1,)])
-def test_they_are_scikit_fem_s(given, free):
+def test_matrices_are_those_of_scikit_fem(data, free):
     """All integrands are polynomials that both integrate exactly: they agree but for rounding."""
-    of = solver(free, **given)
-    found = of.matrices()
-    k = eval(str(given.get("k", 1)))
-    c = eval(str(given.get("c", 1)))
-    A, load, flux = assembled(of.mesh, k, c)
-    assert abs(found.A - A).max() < 1e-13 * abs(A).max()
-    np.testing.assert_allclose(found.F, load + flux if free else load, rtol=0, atol=1e-14)
+    matrix_solver = solver(free, **data)
+    matrices = matrix_solver.matrices()
+    k = eval(str(data.get("k", 1)))
+    c = eval(str(data.get("c", 1)))
+    A, load, flux = assemble_by_scikit_fem(matrix_solver.mesh, k, c)
+    assert abs(matrices.A - A).max() < 1e-13 * abs(A).max()
+    np.testing.assert_allclose(matrices.F, load + flux if free else load, rtol=0, atol=1e-14)
     assert np.abs(flux).max() > 1e-3
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("data", COEFFICIENTS)
 @pytest.mark.parametrize("free", [(), (1,)])
-def test_the_solution_fulfils_the_discrete_problem(given, free):
+def test_the_solution_fulfils_the_discrete_problem(data, free):
     """(2.1) and (2.2) up to rounding, by an active set; control: without the load it does not."""
-    of = solver(free, **given)
-    s = of()
-    found = of.matrices()
-    lambda_H = s.multiplier[found.cells]
-    gap = found.B @ s.u - found.H * found.g
-    left = found.A @ s.u - found.B.T @ lambda_H
-    assert np.abs(left - found.F).max() < 1e-13
-    assert np.abs(left).max() > 1e-3
+    matrix_solver = solver(free, **data)
+    s = matrix_solver()
+    matrices = matrix_solver.matrices()
+    lambda_H = s.multiplier[matrices.cells]
+    gap = matrices.B @ s.u - matrices.H * matrices.g
+    remaining = matrices.A @ s.u - matrices.B.T @ lambda_H
+    assert np.abs(remaining - matrices.F).max() < 1e-13
+    assert np.abs(remaining).max() > 1e-3
     assert lambda_H.min() >= 0
     assert lambda_H.max() > 0
     assert gap.min() > -1e-14
     assert gap.max() > 0
     assert np.abs(lambda_H * gap).max() < 1e-14
-    np.testing.assert_allclose(gap / found.H, s.gap[found.cells], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(gap / matrices.H, s.gap[matrices.cells], rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
-def test_B_has_integrals_over_cells(given):
+@pytest.mark.parametrize("data", COEFFICIENTS)
+def test_B_has_integrals_over_cells(data):
     """Of 1 the cells' lengths; of x, which V_h contains, the lengths times the cells' middles."""
-    of = solver((1,), **given)
-    found = of.matrices()
-    cells = of.partition
-    np.testing.assert_array_equal(found.cells, np.flatnonzero(cells.side != 1))
-    np.testing.assert_allclose(found.B @ np.ones(of.mesh.n_nodes), found.H, rtol=1e-13)
-    middles = 0.5 * (cells.ends[0] + cells.ends[1])[found.cells]
-    np.testing.assert_allclose(found.B @ of.mesh.points, found.H[:, None] * middles, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(found.g, middles[:, 0] / 9 - 0.2, rtol=0, atol=1e-14)
+    matrix_solver = solver((1,), **data)
+    matrices = matrix_solver.matrices()
+    cells = matrix_solver.partition
+    np.testing.assert_array_equal(matrices.cells, np.flatnonzero(cells.side != 1))
+    np.testing.assert_allclose(matrices.B @ np.ones(matrix_solver.mesh.n_nodes), matrices.H, rtol=1e-13)
+    middles = 0.5 * (cells.ends[0] + cells.ends[1])[matrices.cells]
+    np.testing.assert_allclose(
+        matrices.B @ matrix_solver.mesh.points, matrices.H[:, None] * middles, rtol=0, atol=1e-14
+    )
+    np.testing.assert_allclose(matrices.g, middles[:, 0] / 9 - 0.2, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("data", COEFFICIENTS)
 @pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
-def test_D_and_S_are_those_of_A_and_B(given, algorithm):
+def test_D_and_S_are_those_of_A_and_B(data, algorithm):
     """By dense algebra. They are made when asked for, also where multigrid solves."""
-    problem = ul.Problem(KITE, "x*y - 1", G, free_sides=[1], **given)
-    found = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm=algorithm)).matrices()
-    D = found.B @ np.linalg.solve(found.A.toarray(), found.B.T.toarray())
-    np.testing.assert_allclose(found.D, D, rtol=0, atol=1e-12 * np.abs(D).max())
-    np.testing.assert_allclose(found.S * np.sqrt(np.outer(found.H, found.H)), D, rtol=0, atol=1e-12 * D.max())
+    problem = ul.Problem(KITE, "x*y - 1", G, free_sides=[1], **data)
+    matrices = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm=algorithm)).matrices()
+    D = matrices.B @ np.linalg.solve(matrices.A.toarray(), matrices.B.T.toarray())
+    np.testing.assert_allclose(matrices.D, D, rtol=0, atol=1e-12 * np.abs(D).max())
+    np.testing.assert_allclose(
+        matrices.S * np.sqrt(np.outer(matrices.H, matrices.H)), D, rtol=0, atol=1e-12 * D.max()
+    )
 
 
-def test_they_follow_the_load():
-    of = solver()
-    found = of.matrices(f="1", g=lambda x, y: x)
-    assert found.F.sum() == pytest.approx(of.mesh.areas.sum(), rel=1e-13)
-    assert (found.H * found.g).sum() == pytest.approx(
-        float(of.partition.lengths @ (0.5 * (of.partition.ends[0] + of.partition.ends[1]))[:, 0]), rel=1e-13
+def test_matrices_follow_the_load():
+    matrix_solver = solver()
+    matrices = matrix_solver.matrices(f="1", g=lambda x, y: x)
+    assert matrices.F.sum() == pytest.approx(matrix_solver.mesh.areas.sum(), rel=1e-13)
+    assert (matrices.H * matrices.g).sum() == pytest.approx(
+        float(
+            matrix_solver.partition.lengths
+            @ (0.5 * (matrix_solver.partition.ends[0] + matrix_solver.partition.ends[1]))[:, 0]
+        ),
+        rel=1e-13,
     )

@@ -39,21 +39,21 @@ COUNTED = {
 @pytest.fixture
 def counts(monkeypatch):
     """How often each of the expensive steps is taken."""
-    found = dict.fromkeys(COUNTED, 0)
+    call_counts = dict.fromkeys(COUNTED, 0)
 
     def counting(name, function):
-        def counted(*arguments, **named):
-            found[name] += 1
+        def count_calls(*arguments, **named):
+            call_counts[name] += 1
             return function(*arguments, **named)
 
-        return counted
+        return count_calls
 
-    for name, (of, attribute) in COUNTED.items():
-        if isinstance(of, dict):
-            monkeypatch.setitem(of, attribute, counting(name, of[attribute]))
+    for name, (module, attribute) in COUNTED.items():
+        if isinstance(module, dict):
+            monkeypatch.setitem(module, attribute, counting(name, module[attribute]))
         else:
-            monkeypatch.setattr(of, attribute, counting(name, getattr(of, attribute)))
-    return found
+            monkeypatch.setattr(module, attribute, counting(name, getattr(module, attribute)))
+    return call_counts
 
 
 def same(a, b):
@@ -68,9 +68,9 @@ def same(a, b):
 def test_what_belongs_to_the_mesh_is_made_once(way, counts):
     """Control: ul.solve makes all of it each time. The problem's own f is enclosed once, too."""
     polygon, size, algorithm = WAYS[way]
-    of = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=ul.Stop(algorithm=algorithm))
+    solver = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=ul.Stop(algorithm=algorithm))
     for further in FURTHER:
-        of(**further)
+        solver(**further)
     once = dict(counts)
     assert once["meshes"] + once["made"] == 1
     assert once["condensations"] == once["couplings"] == (way == "condensed")
@@ -84,19 +84,19 @@ def test_what_belongs_to_the_mesh_is_made_once(way, counts):
 
 def test_a_formula_is_enclosed_once_while_it_stays(counts):
     """But not a function, which may give other values each time, nor an array."""
-    of = ul.Solver(KITE, h=1 / 8, H=1 / 4)
+    solver = ul.Solver(KITE, h=1 / 8, H=1 / 4)
     for f, loads in (("x", 1), ("x", 1), ("x + 0", 1), ("2*x", 2), ("x", 3)):
-        of(f, 0)
+        solver(f, 0)
         assert counts["enclosures of f"] == loads
     factor = 1.0
     function = lambda x, y: factor * x - 3  # noqa: E731
-    first = of(function, 0).u
+    first = solver(function, 0).u
     factor = 2.0
-    assert np.abs(of(function, 0).u - first).max() > 0.01
-    array = of.mesh.points[:, 0] - 3
-    first = of(array, 0).u
+    assert np.abs(solver(function, 0).u - first).max() > 0.01
+    array = solver.mesh.points[:, 0] - 3
+    first = solver(array, 0).u
     array *= 2
-    assert np.abs(of(array, 0).u - first).max() > 0.01
+    assert np.abs(solver(array, 0).u - first).max() > 0.01
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -104,52 +104,54 @@ def test_each_call_is_a_solve_of_its_own_bit_for_bit(way):
     """Whatever was solved before, and in whatever order."""
     polygon, size, algorithm = WAYS[way]
     stop = ul.Stop(algorithm=algorithm)
-    of = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=stop)
-    alone = [ul.solve(ul.Problem(polygon, **FORMULAS | further), **size, stop=stop) for further in FURTHER]
-    in_turn = [*zip(FURTHER, alone, strict=True)]
+    solver = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=stop)
+    single_solutions = [
+        ul.solve(ul.Problem(polygon, **FORMULAS | further), **size, stop=stop) for further in FURTHER
+    ]
+    in_turn = [*zip(FURTHER, single_solutions, strict=True)]
     for further, expected in in_turn + in_turn[::-1]:
-        same(of(**further), expected)
+        same(solver(**further), expected)
 
 
 def test_coefficients_free_sides_and_a_flux_stay():
     fields = {"k": "2/3", "c": 5, "free_sides": [1], "q": "y"}
-    of = ul.Solver(SQUARE, h=1 / 16, H=1 / 8, **fields)
+    solver = ul.Solver(SQUARE, h=1 / 16, H=1 / 8, **fields)
     for f, g, q in (("-1", 0, "y"), ("-1", "-x*y", "1 - y"), (lambda x, y: x - 1, 0, "y")):
-        found = of(f, g) if q == "y" else of(f, g, q)
-        same(found, ul.solve(ul.Problem(SQUARE, f, g, **fields | {"q": q}), h=1 / 16, H=1 / 8))
+        solution = solver(f, g) if q == "y" else solver(f, g, q)
+        same(solution, ul.solve(ul.Problem(SQUARE, f, g, **fields | {"q": q}), h=1 / 16, H=1 / 8))
 
 
 def test_a_case_is_solved_with_its_errors_and_lends_its_polygon():
-    of = ul.Solver("natural", "1/8", "1/4")
-    same(of(), ul.solve("natural", h=1 / 8, H=1 / 4))
-    assert of().errors.h1 <= of().bounds.u
-    same(of("-1", "-x*y"), ul.solve(ul.Problem(SQUARE, "-1", "-x*y"), h=1 / 8, H=1 / 4))
+    solver = ul.Solver("natural", "1/8", "1/4")
+    same(solver(), ul.solve("natural", h=1 / 8, H=1 / 4))
+    assert solver().errors.h1 <= solver().bounds.u
+    same(solver("-1", "-x*y"), ul.solve(ul.Problem(SQUARE, "-1", "-x*y"), h=1 / 8, H=1 / 4))
     with sentences.raises(ul.InputError):
-        of(g=0)
+        solver(g=0)
 
 
 def test_an_own_mesh_and_a_file_are_taken():
     mesh = ul.mesh(KITE, [(0, 1, 2), (0, 2, 3)], halvings=3)
-    of = ul.Solver(mesh, H=0.4)
-    same(of(-1, 0), ul.solve(ul.Problem(mesh, -1, 0), H=0.4))
-    same(of(-1, 0), ul.Solver(ul.Problem(KITE, -1, 0), H=0.4, mesh=mesh)())
-    assert of.mesh is mesh
-    assert repr(of) == "Solver of 'problem': 81 nodes, 14 cells, h = 0.1912, H = 0.3824"
+    solver = ul.Solver(mesh, H=0.4)
+    same(solver(-1, 0), ul.solve(ul.Problem(mesh, -1, 0), H=0.4))
+    same(solver(-1, 0), ul.Solver(ul.Problem(KITE, -1, 0), H=0.4, mesh=mesh)())
+    assert solver.mesh is mesh
+    assert repr(solver) == "Solver of 'problem': 81 nodes, 14 cells, h = 0.1912, H = 0.3824"
 
 
 def test_warnings_point_to_the_call():
-    of = ul.Solver("natural", h=1 / 8, H=1 / 8)
-    with pytest.warns(ul.SolutionWarning, match="lambda_H may not be unique") as told:
-        of()
-    assert told[0].filename == __file__
+    solver = ul.Solver("natural", h=1 / 8, H=1 / 8)
+    with pytest.warns(ul.SolutionWarning, match="lambda_H may not be unique") as warnings:
+        solver()
+    assert warnings[0].filename == __file__
     few = ul.Solver("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
-    with pytest.warns(ul.SolutionWarning, match="did not converge") as told:
+    with pytest.warns(ul.SolutionWarning, match="did not converge") as warnings:
         few()
-    assert [each.filename for each in told] == [__file__]
+    assert [warning.filename for warning in warnings] == [__file__]
 
 
 @pytest.mark.parametrize(
-    "made",
+    "sample",
     [
         lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(f=1),
         lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(),
@@ -163,18 +165,18 @@ def test_warnings_point_to_the_call():
         lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(f=1, g=0, q=1),
     ],
 )
-def test_what_does_not_fit_together_is_refused(made):
+def test_what_does_not_fit_together_is_refused(sample):
     with sentences.raises(ul.InputError):
-        made()
+        sample()
 
 
 def test_a_problem_that_was_made_of_a_mesh_is_solved_on_that():
     mesh = ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)], halvings=3)
     problem = ul.Problem(mesh, -1, 0)
     assert ul.solve(problem, H=1 / 4).mesh is mesh
-    other = ul.mesh(mesh, halvings=1)
-    for given, message in (
-        ({"H": 1 / 4, "mesh": other}, "has a mesh of its own and is solved on it; leave mesh out"),
+    other_mesh = ul.mesh(mesh, halvings=1)
+    for arguments, message in (
+        ({"H": 1 / 4, "mesh": other_mesh}, "has a mesh of its own and is solved on it; leave mesh out"),
         ({"h": 1 / 8, "H": 1 / 4}, "the mesh is given; leave h out"),
         (
             {"accuracy": 0.1},
@@ -182,4 +184,4 @@ def test_a_problem_that_was_made_of_a_mesh_is_solved_on_that():
         ),
     ):
         with pytest.raises(ul.InputError, match=message):
-            ul.solve(problem, **given)
+            ul.solve(problem, **arguments)

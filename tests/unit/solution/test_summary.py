@@ -56,13 +56,13 @@ def test_a_printed_force_has_the_guaranteed_interval_inside(cog):
 def test_the_sum_of_all_forces_is_shown_wherever_forces_are(name, exact, run, tmp_path):
     """-f times the area: the shelf has 1 * 2, the seal 50 * 0.24. Control: with c = 1 nothing says a sum."""
     file = ROOT / f"examples/{name}.yaml"
-    other = tmp_path / "other.yaml"
-    other.write_text(re.sub(r"\nc: 0", "\nc: 1", file.read_text()))
-    for problem in (file, other):
+    second = tmp_path / "other.yaml"
+    second.write_text(re.sub(r"\nc: 0", "\nc: 1", file.read_text()))
+    for problem in (file, second):
         s = ul.solve(ul.load(problem), accuracy=0.2)
         table = run("solve", problem, "--accuracy", "0.2")[1]
         record = run("solve", problem, "--accuracy", "0.2", "--json")[1]
-        shown = {
+        expected_texts = {
             "Python": re.search("sum of forces and reactions: (.*);", repr(s.forces())),
             "summary": re.search("with reactions   (.*), guaranteed", repr(s)),
             "notebook": re.search("<th>with reactions</th><td>(.*?), guaranteed</td>", s._repr_html_()),
@@ -71,13 +71,13 @@ def test_the_sum_of_all_forces_is_shown_wherever_forces_are(name, exact, run, tm
             ),
             "command": re.search("sum of forces, reactions +(.*)", table),
         }
-        found = json.loads(record)["forces"].get("forces_and_reactions")
-        if problem == other:
-            assert [*shown.values(), found] == [None] * 6
+        computed = json.loads(record)["forces"].get("forces_and_reactions")
+        if problem == second:
+            assert [*expected_texts.values(), computed] == [None] * 6
             continue
-        assert found["lower"] <= exact <= found["upper"]
-        assert found["value"] == pytest.approx(exact, rel=1e-12)
-        for place, text in shown.items():
+        assert computed["lower"] <= exact <= computed["upper"]
+        assert computed["value"] == pytest.approx(exact, rel=1e-12)
+        for place, text in expected_texts.items():
             value, apart = map(float, text[1].split(" ± "))
             assert (place, value) == (place, pytest.approx(exact, rel=1e-12))
             assert apart < 1e-8 * exact
@@ -85,8 +85,8 @@ def test_the_sum_of_all_forces_is_shown_wherever_forces_are(name, exact, run, tm
 
 def test_all_that_users_meet_prints_little(cog, functions):
     """At most 400 characters; control: what a mesh holds has many more."""
-    given = [ul.case("natural"), functions, cog.problem, ul.load(ROOT / "examples/plate.yaml"), ul.Stop()]
-    parts = [
+    problems = [ul.case("natural"), functions, cog.problem, ul.load(ROOT / "examples/plate.yaml"), ul.Stop()]
+    components = [
         cog,
         cog.mesh,
         cog.partition,
@@ -97,17 +97,17 @@ def test_all_that_users_meet_prints_little(cog, functions):
         cog.problem,
         ul.Solver("natural", h=1 / 4, H=1 / 2).matrices(),
     ]
-    parts += [cog.solved, cog.search.best, cog.forces(), cog.forces().whole]
-    parts += cog.contact.intervals[:1]
-    for each in [*given, *parts, ul.solve("natural", **SIZES).errors]:
-        assert 15 < len(repr(each)) < 400
-        assert "array(" not in repr(each)
+    components += [cog.solved, cog.search.best, cog.forces(), cog.forces().whole]
+    components += cog.contact.intervals[:1]
+    for thing in [*problems, *components, ul.solve("natural", **SIZES).errors]:
+        assert 15 < len(repr(thing)) < 400
+        assert "array(" not in repr(thing)
     assert len(repr(vars(cog.mesh))) > 1000
 
 
 def test_problems_print_their_fields(functions):
-    given = {"f": "x - 1", "g": ["-x", -1, None, 0], "free_sides": [2], "q": 3, "k": "1/3"}
-    assert repr(ul.Problem(SQUARE, **given, name="mine")) == (
+    fields = {"f": "x - 1", "g": ["-x", -1, None, 0], "free_sides": [2], "q": 3, "k": "1/3"}
+    assert repr(ul.Problem(SQUARE, **fields, name="mine")) == (
         "Problem 'mine'; polygon = 4 sides, area 1, f = x - 1, g = [-x, -1, 0], k = 1/3, "
         "free sides = 2, q = 3"
     )
@@ -120,8 +120,8 @@ def test_problems_print_their_fields(functions):
 def test_a_notebook_shows_the_table_and_the_picture(cog):
     """One element of HTML with the rows of the text, and an image that is an SVG."""
     page = ElementTree.fromstring(re.sub(r"(<img [^>]*)>", r"\1/>", cog._repr_html_()))
-    shown = {row.find("th").text: row.find("td").text for row in page.iter("tr")}
-    assert shown == summary.collect_summary_rows(cog)
+    texts = {row.find("th").text: row.find("td").text for row in page.iter("tr")}
+    assert texts == summary.collect_summary_rows(cog)
     kind, drawn = page.find("img").attrib["src"].split(",")
     assert kind == "data:image/svg+xml;base64"
     assert ElementTree.fromstring(base64.b64decode(drawn)).tag.endswith("svg")
@@ -161,7 +161,7 @@ def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypat
         assert "not bounded yet: see bounds" in repr(ul.solve("natural", **SIZES))
 
 
-def test_a_whole_boundary_in_contact_and_none():
+def test_the_printed_length_of_contact_is_the_whole_boundary_or_0():
     """By hand: g above f everywhere presses u onto g; g far below leaves u alone."""
     full = ul.solve(ul.Problem(SQUARE, f=0, g=1), **SIZES)
     none = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES)
@@ -201,7 +201,7 @@ def test_a_solution_lists_what_users_are_told_of(cog):
     """The attributes that docs/python.md has in its table, and none that serve other modules."""
     page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     table = page.partition("It has these attributes")[2].partition("\n\n`s.save`")[0]
-    told = set(re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE))))
+    names = set(re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE))))
     listed = {name for name in dir(cog) if not name.startswith("_")}
-    assert told <= listed
+    assert names <= listed
     assert not listed & {"believed", "record", "too_large", "units"}

@@ -57,31 +57,31 @@ def solve(A, b):
 class System(NamedTuple):
     """A v = load + B^T lambda, B v >= d with lambda, exact; the rows of A add up to the mass.
 
-    v is u - held, which vanishes on clamped sides.
+    v is u - lift, which vanishes on clamped sides.
     """
 
     A: Array
     load: Array
     B: Array
     d: Array
-    held: Array
+    lift: Array
 
     def errors(self, exact_v: Array, exact_lambda: Array, u: Array, lambda_H: Array) -> tuple[arb, arb]:
         """||u - u_h||_1 and ||lambda - lambda_H||_{-1/2,h}."""
-        e = exact(u) - exact(self.held) - exact_v
+        e = exact(u) - exact(self.lift) - exact_v
         pull = self.B.T @ (exact(lambda_H) - exact_lambda)
         return (e @ (self.A @ e)).sqrt(), (solve(self.A, pull) @ pull).sqrt()
 
 
-def of(discrete) -> System:
+def error_data(discrete) -> System:
     """That which the bound is for."""
     if isinstance(discrete, CondensedProblem):
         spaces = discrete.spaces
         boundary = discrete.mesh.boundary
-        on = discrete.spaces.condensed
+        condensed = discrete.spaces.condensed
         B = np.zeros((len(discrete.cells), discrete.mesh.n_nodes))
         B[:, boundary] = spaces.B.toarray()
-        (A, sums) = on.matrix_and_row_sums
+        (A, sums) = condensed.matrix_and_row_sums
         load = discrete.homogeneous_data[0]
         d = exact(spaces.operator.H_i) * exact(discrete.homogeneous_data[1][discrete.cells])
     else:
@@ -95,8 +95,8 @@ def of(discrete) -> System:
     np.fill_diagonal(off_diagonal, 0.0)
     A = exact(off_diagonal)
     np.fill_diagonal(A, exact(sums) - A.sum(axis=1))
-    held = np.broadcast_to(discrete.dirichlet_lift, len(load))
-    return System(A, exact(load), exact(B), d, held)
+    lift = np.broadcast_to(discrete.dirichlet_lift, len(load))
+    return System(A, exact(load), exact(B), d, lift)
 
 
 def solved_exactly(system: System, active: Mask) -> tuple[Array, Array]:
@@ -104,8 +104,8 @@ def solved_exactly(system: System, active: Mask) -> tuple[Array, Array]:
     n = len(system.load)
     for _ in range(20):
         B = system.B[active]
-        whole = np.block([[system.A, -B.T], [B, exact(np.zeros((len(B), len(B))))]])
-        solution = solve(whole, np.concatenate([system.load, system.d[active]]))
+        full_block = np.block([[system.A, -B.T], [B, exact(np.zeros((len(B), len(B))))]])
+        solution = solve(full_block, np.concatenate([system.load, system.d[active]]))
         u = solution[:n]
         lambda_ = exact(np.zeros(len(active)))
         lambda_[active] = solution[n:]
@@ -130,28 +130,28 @@ MESH = make_structured_mesh(POLYGON, 1 / 6)
 ADAPTED = refine_and_balance(start_adapted_mesh(make_structured_mesh(POLYGON, 1 / 4)), np.arange(0, 32, 3))
 
 
-def made(way: str, of_scale: ul.Problem):
+def make_discrete(way: str, scale: ul.Problem):
     if way == "adapted":
-        return discretise_on_adapted_mesh(of_scale, ADAPTED)
+        return discretise_on_adapted_mesh(scale, ADAPTED)
     cells = make_uniform_partition(POLYGON, 1 / 6 if way == "singular" else 1 / 3)
-    return multilevel(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
+    return multilevel(scale, MESH, cells) if way == "multigrid" else discretise(scale, MESH, cells)
 
 
-def solution(way: str, of_scale: ul.Problem) -> tuple[DiscreteProblem, DiscreteSolution]:
+def solution(way: str, scale: ul.Problem) -> tuple[DiscreteProblem, DiscreteSolution]:
     algorithm = way if way in ("uzawa", "nesterov", "newton", "active_set") else "auto"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        discrete = made(way, of_scale)
+        discrete = make_discrete(way, scale)
         return discrete, discrete.iterate(1e-9, Stop(algorithm=algorithm))
 
 
-def largest_error(discrete: DiscreteProblem, found: DiscreteSolution) -> float:
+def largest_error(discrete: DiscreteProblem, solution: DiscreteSolution) -> float:
     """Of both errors; it is proved that the solution with 60 digits is one."""
-    lambda_H = found.result.lambda_H
-    system = of(discrete)
+    lambda_H = solution.result.lambda_H
+    system = error_data(discrete)
     u, lambda_ = solved_exactly(system, lambda_H > 0)
     assert 0 < np.count_nonzero(lambda_ > 0) < len(lambda_H)
-    return max(float(error.upper()) for error in system.errors(u, lambda_, found.u_h, lambda_H))
+    return max(float(error.upper()) for error in system.errors(u, lambda_, solution.u_h, lambda_H))
 
 
 WAYS = ["uzawa", "nesterov", "newton", "active_set", "singular", "multigrid", "adapted"]
@@ -161,46 +161,48 @@ WAYS = ["uzawa", "nesterov", "newton", "active_set", "singular", "multigrid", "a
 @pytest.mark.parametrize("way", WAYS)
 def test_the_bound_is_one_however_much_cancels(way: str, scale: float) -> None:
     """Nor is it too large: by 1e-12 of u, which is what residuals of some EPS u are over h^2."""
-    discrete, found = solution(way, problem(scale))
-    error = largest_error(discrete, found)
-    assert 0 < error <= found.result.bound
-    assert found.result.converged == (found.result.bound <= 1e-9)
+    discrete, solved = solution(way, problem(scale))
+    error = largest_error(discrete, solved)
+    assert 0 < error <= solved.result.bound
+    assert solved.result.converged == (solved.result.bound <= 1e-9)
     if way != "singular":  # its bound is a root of what is rounded
-        assert found.result.bound <= 1e-9 + 1e-12 * scale
+        assert solved.result.bound <= 1e-9 + 1e-12 * scale
 
 
 @pytest.mark.parametrize(("c", "clamped"), [(0, (1,)), (0, (0, 1)), (1, (1, 2))])
 @pytest.mark.parametrize("scale", [1e0, 1e4, 1e8, 1e12])
 @pytest.mark.parametrize("way", ["newton", "multigrid", "adapted"])
-def test_it_is_one_beside_clamped_sides(way: str, scale: float, c: float, clamped: tuple[int, ...]) -> None:
-    """There u_h - held falls from u to 0 within an element, which costs a digit."""
-    discrete, found = solution(way, problem(scale, c, clamped))
-    assert 0 < largest_error(discrete, found) <= found.result.bound <= 1e-9 + 1e-11 * scale
+def test_the_bound_is_one_beside_clamped_sides(
+    way: str, scale: float, c: float, clamped: tuple[int, ...]
+) -> None:
+    """There u_h - lift falls from u to 0 within an element, which costs a digit."""
+    discrete, solved = solution(way, problem(scale, c, clamped))
+    assert 0 < largest_error(discrete, solved) <= solved.result.bound <= 1e-9 + 1e-11 * scale
 
 
 @pytest.mark.parametrize("way", ["uzawa", "newton", "active_set", "singular"])
 def test_the_bounds_of_the_iteration_alone_are_none(way: str) -> None:
     """Control: for the operator and the offset as they are computed they hold, and for the problem not."""
-    discrete, found = solution(way, problem(1e12))
+    discrete, solved = solution(way, problem(1e12))
     operator = discrete.spaces.operator
-    mu = found.result.lambda_H
-    alone = residual_bound(operator, discrete.offset, mu, 1 / operator.lambda_max)
+    mu = solved.result.lambda_H
+    single_residual_bound = residual_bound(operator, discrete.offset, mu, 1 / operator.lambda_max)
     if way == "singular":
-        alone = energy_bound(operator, discrete.offset, mu)
-    assert alone < 0.1 * largest_error(discrete, found)
+        single_residual_bound = energy_bound(operator, discrete.offset, mu)
+    assert single_residual_bound < 0.1 * largest_error(discrete, solved)
 
 
 @pytest.mark.parametrize("way", ["newton", "singular", "multigrid", "adapted"])
 def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Were numbers rounded a million times more, the bound would be nearly that much larger."""
-    discrete, found = solution(way, problem(1e4))
+    discrete, solved = solution(way, problem(1e4))
 
     def bound() -> float:
         if isinstance(discrete, CondensedProblem):
             return discrete.add_rounding_to_bound(
-                found.result, discrete.response(found.result.lambda_H)
+                solved.result, discrete.response(solved.result.lambda_H)
             ).bound
-        return multilevel_algebraic_bound(discrete.multigrid.finest, found.u_h, found.result.lambda_H)
+        return multilevel_algebraic_bound(discrete.multigrid.finest, solved.u_h, solved.result.lambda_H)
 
     before = bound()
     monkeypatch.setattr(residual_rounding, "UNIT_ROUNDOFF", 1e6 * residual_rounding.UNIT_ROUNDOFF)
@@ -209,13 +211,13 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-2, 2e-3])
-def test_the_norm_of_lambda_is_one_from_below(length: float) -> None:
+def test_the_computed_norm_of_lambda_is_below_the_exact_one(length: float) -> None:
     """On small domains A_3 is known to fewer digits."""
     small = ul.Problem(length * np.array(SQUARE), "-1", g="0")
     mesh = make_structured_mesh(small.polygon, length / 4)
     discrete = discretise(small, mesh, make_uniform_partition(small.polygon, length / 2))
     lambda_H = np.random.default_rng(2).uniform(0, 1, len(discrete.cells))
-    system = of(discrete)
+    system = error_data(discrete)
     pull = system.B.T @ exact(lambda_H)
     norm = float((pull @ solve(system.A, pull)).sqrt().mid())
     assert (1 - 1e-5) * norm < discrete.lambda_norm(lambda_H) < norm
@@ -228,16 +230,18 @@ def test_the_default_stop_is_a_hundredth_of_the_bound_or_what_rounding_leaves(
     f: str, g: str, hidden: bool
 ) -> None:
     """A tolerance that rounding hides is not reached, and the solution says so."""
-    of_data = ul.Problem(SQUARE, f, g=g)
+    problem_with_sum = ul.Problem(SQUARE, f, g=g)
     sizes = {"h": 1 / 16, "H": 1 / 8}
-    found = ul.solve(of_data, **sizes)
-    result = found.solved.result
-    wanted = 0.01 * found.bounds.u
-    assert found.converged
-    assert result.bound <= max(wanted, 2 * result.rounding)
-    assert (result.bound > wanted) == hidden
+    solution = ul.solve(problem_with_sum, **sizes)
+    result = solution.solved.result
+    expected = 0.01 * solution.bounds.u
+    assert solution.converged
+    assert result.bound <= max(expected, 2 * result.rounding)
+    assert (result.bound > expected) == hidden
     with pytest.warns(ul.SolutionWarning, match="did not converge"):
-        assert not ul.solve(of_data, **sizes, stop=ul.Stop(tolerance=1e-3 * result.rounding)).converged
+        assert not ul.solve(
+            problem_with_sum, **sizes, stop=ul.Stop(tolerance=1e-3 * result.rounding)
+        ).converged
 
 
 def root(P: float, linear: float) -> float:
@@ -248,42 +252,42 @@ def root(P: float, linear: float) -> float:
 @pytest.mark.parametrize("share", [1e-5, 1e-2, 1.0, 1e2])
 def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
     """One cell: a = |R| s and b = |R| / (rho s) are known; where b is much larger it is hardly less."""
-    of = DualOperator(np.array([[2.0]]), np.ones(1), 1.0)
-    rho = 1.9 / of.lambda_max
+    dual_operator = DualOperator(np.array([[2.0]]), np.ones(1), 1.0)
+    rho = 1.9 / dual_operator.lambda_max
     gap = residual_rounding.Rounded(np.array([-3.0]), np.zeros(1))
     R = rho * 3.0
     a = 2 * R
     b = R / (2 * rho)
     delta = share * b
-    found = condensed_algebraic_bound(of, np.zeros(1), gap, delta, rho)
-    least = root(b * delta, a + b + delta) + delta
-    assert least <= found
-    alone = condensed_algebraic_bound(of, np.zeros(1), gap, 0.0, rho)
-    assert alone == pytest.approx(a + b, rel=2e-6)
+    algebraic_bound = condensed_algebraic_bound(dual_operator, np.zeros(1), gap, delta, rho)
+    minimum = root(b * delta, a + b + delta) + delta
+    assert minimum <= algebraic_bound
+    single_algebraic_bound = condensed_algebraic_bound(dual_operator, np.zeros(1), gap, 0.0, rho)
+    assert single_algebraic_bound == pytest.approx(a + b, rel=2e-6)
     steep = DualOperator(np.array([[1e-3]]), np.ones(1), 1.0)  # a is nothing beside b
     slow = 1e-3 / steep.lambda_max
     b = 3.0 / 1e-3
-    found = condensed_algebraic_bound(steep, np.zeros(1), gap, share * 1e-3, slow)
-    alone = condensed_algebraic_bound(steep, np.zeros(1), gap, share * 0.0, slow)
-    least = root(b * share * 1e-3, slow * 3e-3 + b + share * 1e-3) + share * 1e-3
-    assert least <= found
-    assert found - alone <= 1.01 * (least - root(0, slow * 3e-3 + b)) + 1e-9 * b
+    algebraic_bound = condensed_algebraic_bound(steep, np.zeros(1), gap, share * 1e-3, slow)
+    single_algebraic_bound = condensed_algebraic_bound(steep, np.zeros(1), gap, share * 0.0, slow)
+    minimum = root(b * share * 1e-3, slow * 3e-3 + b + share * 1e-3) + share * 1e-3
+    assert minimum <= algebraic_bound
+    assert algebraic_bound - single_algebraic_bound <= 1.01 * (minimum - root(0, slow * 3e-3 + b)) + 1e-9 * b
 
 
 @pytest.mark.parametrize("P", [0.0, 1e-4, 1.0])
 @pytest.mark.parametrize("delta", [0.0, 1e-4, 1.0])
-def test_nor_by_the_energy(P: float, delta: float) -> None:
+def test_no_number_above_the_bound_fulfils_the_inequality_of_the_energy(P: float, delta: float) -> None:
     """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
-    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), shift_norm=2.0)
-    assert of.is_singular
+    dual_operator = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), shift_norm=2.0)
+    assert dual_operator.is_singular
     gap = residual_rounding.Rounded(np.array([-0.5, 0.5]), np.zeros(2))
     mu = np.array([0.0, P])
-    found = condensed_algebraic_bound(of, mu, gap, delta, 1.0)
+    algebraic_bound = condensed_algebraic_bound(dual_operator, mu, gap, delta, 1.0)
     q = 0.5 * 2
-    least = root(P + q * delta, q + delta) + delta
-    assert least <= found
+    minimum = root(P + q * delta, q + delta) + delta
+    assert minimum <= algebraic_bound
     if max(P, delta) < 1:  # small beside q: then it is hardly less
-        assert found - q <= 1.01 * (least - q) + 1e-8
+        assert algebraic_bound - q <= 1.01 * (minimum - q) + 1e-8
 
 
 SINGULAR = {
@@ -303,36 +307,41 @@ def test_where_S_is_singular_u_is_raised_by_a_function_with_its_own_norm(name: s
     spaces = mixed_spaces(
         condense(make_structured_mesh(square(), h), form), make_uniform_partition(square(), h)
     )
-    of = spaces.operator
+    operator = spaces.operator
     x = (np.arange(len(spaces.cells)) + 0.5) * h
     offset = -16 * x * (1 - x) * (2 * x - 1) ** 2 if form.clamped else -np.ones(len(x))
-    assert of.is_singular
+    assert operator.is_singular
     nothing = np.zeros(len(x))
-    exact_multiplier = solve_by_active_set(of, offset, 1e-3).lambda_H
-    error = float(np.linalg.norm(of.D_factor @ exact_multiplier))
+    exact_multiplier = solve_by_active_set(operator, offset, 1e-3).lambda_H
+    error = float(np.linalg.norm(operator.D_factor @ exact_multiplier))
     gap = residual_rounding.Rounded(offset, nothing)
-    bounds = [energy_bound(of, offset, nothing), condensed_algebraic_bound(of, nothing, gap, 0.0, 1.0)]
+    bounds = [
+        energy_bound(operator, offset, nothing),
+        condensed_algebraic_bound(operator, nothing, gap, 0.0, 1.0),
+    ]
     assert all(error <= bound < math.inf for bound in bounds)
-    constant = replace(of, shift_norm=1.0, shift_means=1.0)
+    constant = replace(operator, shift_norm=1.0, shift_means=1.0)
     assert energy_bound(constant, offset, nothing) < 0.9 * error
     assert condensed_algebraic_bound(constant, nothing, gap, 0.0, 1.0) < 0.9 * error
 
 
 def test_u_is_raised_by_what_rounding_may_hide() -> None:
     """Two cells with a singular S, on one of which u - g is 0 up to 1/4; the norm of w is 2."""
-    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), shift_norm=2.0)
+    dual_operator = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), shift_norm=2.0)
     gap = residual_rounding.Rounded(np.array([0.0, 0.5]), np.array([0.25, 0.0]))
-    assert condensed_algebraic_bound(of, np.zeros(2), gap, 0.0, 1.0) == pytest.approx(0.5, rel=1e-8)
+    assert condensed_algebraic_bound(dual_operator, np.zeros(2), gap, 0.0, 1.0) == pytest.approx(
+        0.5, rel=1e-8
+    )
 
 
 def test_what_cannot_be_raised_has_no_bound() -> None:
     """Both nodes of the one cell are fixed: the mean of u is that of the given values, whatever mu is."""
-    of = DualOperator(np.array([[0.0]]), np.ones(1), shift_norm=1.0, shift_means=np.zeros(1))
+    dual_operator = DualOperator(np.array([[0.0]]), np.ones(1), shift_norm=1.0, shift_means=np.zeros(1))
     nothing = np.zeros(1)
     for gap, bound in ((-1.0, math.inf), (1.0, 0.0)):
         rounded = residual_rounding.Rounded(np.array([gap]), nothing)
-        assert condensed_algebraic_bound(of, nothing, rounded, 0.0, 1.0) == bound
-        assert energy_bound(of, np.array([gap]), nothing) == bound
+        assert condensed_algebraic_bound(dual_operator, nothing, rounded, 0.0, 1.0) == bound
+        assert energy_bound(dual_operator, np.array([gap]), nothing) == bound
 
 
 def test_the_least_eigenvalue_is_bounded_from_below() -> None:
@@ -342,10 +351,10 @@ def test_the_least_eigenvalue_is_bounded_from_below() -> None:
         rng = np.random.default_rng(seed)
         q = np.linalg.qr(rng.standard_normal((12, 12)))[0]
         r = np.linalg.qr(rng.standard_normal((12, 12)))[0]
-        of = DualOperator(q @ np.diag(10.0 ** np.linspace(0, -6, 12)) @ r, np.ones(12), 1.0)
-        half = exact(of.D_factor)
+        dual_operator = DualOperator(q @ np.diag(10.0 ** np.linspace(0, -6, 12)) @ r, np.ones(12), 1.0)
+        half = exact(dual_operator.D_factor)
         eigenvalues = acb_mat((half.T @ half).tolist()).eig()
-        true = min((each.real for each in eigenvalues), key=lambda each: each.mid())
-        assert of.lambda_min_lower <= float(true.lower())
-        above.append(of.lambda_min > float(true.upper()))
+        true = min((eigenvalue.real for eigenvalue in eigenvalues), key=lambda item: item.mid())
+        assert dual_operator.lambda_min_lower <= float(true.lower())
+        above.append(dual_operator.lambda_min > float(true.upper()))
     assert any(above)

@@ -46,14 +46,14 @@ def test_v_is_optimal(force, start):
         assert gradient.min() > -1e-9 * scale
 
 
-def test_one_unknown():
+def test_the_minimum_over_one_unknown_is_the_closed_form():
     """l v + s |v| over v >= c: c where c > 0, 0 where l <= s and c <= 0, and c where l > s."""
     for load, c, expected in ((0.5, 1.0, 1.0), (0.5, -1.0, 0.0), (3.0, -1.0, -1.0), (2.0, 0.0, 0.0)):
         for active in (True, False):
-            found = minimise_linear_plus_norm(
+            plus_norm = minimise_linear_plus_norm(
                 np.array([[4.0]]), np.array([load]), np.array([[c]]), np.array([[active]]), NONE[:1]
             )
-            assert found == pytest.approx(expected, abs=1e-12), (load, c, active)
+            assert plus_norm == pytest.approx(expected, abs=1e-12), (load, c, active)
 
 
 def test_sets_that_do_not_settle_leave_the_best_one(monkeypatch):
@@ -76,6 +76,6 @@ def test_the_pivoted_matrix_exchanges_v_and_s_v():
     rng = np.random.default_rng(6)
     usual = rng.random(N) < 0.5
     v = rng.standard_normal(N)
-    known = np.where(usual, S @ v, v)
-    wanted = np.where(usual, v, S @ v)
-    assert of_least._principal_pivot(S, usual) @ known == pytest.approx(wanted, abs=1e-10)
+    expected = np.where(usual, S @ v, v)
+    expected_value = np.where(usual, v, S @ v)
+    assert of_least._principal_pivot(S, usual) @ expected == pytest.approx(expected_value, abs=1e-10)

@@ -22,9 +22,9 @@ ROOMY = 1 + 1e-6
 
 def grid(B: Array, inside: list[int], d: Array) -> SimpleNamespace:
     """No load; one hat inside each cell."""
-    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
+    stub = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
     cells = SimpleNamespace(B=sp.csr_array(B), inner_node=np.array(inside))
-    return SimpleNamespace(hierarchy=of, cells=cells, load=np.zeros(3), d=d)
+    return SimpleNamespace(hierarchy=stub, cells=cells, load=np.zeros(3), d=d)
 
 
 def norm_of_w(monkeypatch: pytest.MonkeyPatch, gap: Rounded, lambda_H: Array, B: Array, u: Array) -> float:
@@ -80,24 +80,26 @@ def test_a_lower_bound_of_a_norm_counts_the_rounding_of_A_v_against_it(monkeypat
     """As if a quarter of A v was computed, the rest was its doubt: R . v over half of ||v|| is no bound."""
     R = np.array([1.0, -2.0, 0.5])
     v = np.linalg.solve(A.toarray(), R)
-    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=np.full(3, 0.25))
-    known = A @ v / np.abs(R).max()
+    stub = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=np.full(3, 0.25))
+    expected = A @ v / np.abs(R).max()
     monkeypatch.setattr(multigrid_bounds, "_solve_by_cycles", lambda _, R: np.linalg.solve(A.toarray(), R))
-    doubt = 0.75 * np.abs(known)
-    monkeypatch.setattr(residual_rounding, "product_with_rounding", lambda *_: Rounded(0.25 * known, doubt))
+    doubt = 0.75 * np.abs(expected)
+    monkeypatch.setattr(
+        residual_rounding, "product_with_rounding", lambda *_: Rounded(0.25 * expected, doubt)
+    )
     # what `nodal_weights` are to fulfil
-    assert np.linalg.eigvalsh(np.diag(of.nodal_weights) - 4 * A.toarray())[-1] <= 0
-    assert 0 < functional_norm_lower_bound(of, R) <= np.sqrt(R @ v)
+    assert np.linalg.eigvalsh(np.diag(stub.nodal_weights) - 4 * A.toarray())[-1] <= 0
+    assert 0 < functional_norm_lower_bound(stub, R) <= np.sqrt(R @ v)
 
 
 def test_a_lower_bound_is_rounded_down(monkeypatch):
     """By SLACK, of which twice as large a one halves it; rounding of A v is next to nothing here."""
     R = np.array([1.0, -2.0, 0.5])
-    of = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
+    stub = SimpleNamespace(A=A, row_sums=A.sum(axis=1), nodal_weights=A.sum(axis=1))
     monkeypatch.setattr(multigrid_bounds, "_solve_by_cycles", lambda _, R: np.linalg.solve(A.toarray(), R))
-    before = functional_norm_lower_bound(of, R)
+    before = functional_norm_lower_bound(stub, R)
     monkeypatch.setattr(multigrid_bounds, "NORM_ROUNDING_FACTOR", 2 * multigrid_bounds.NORM_ROUNDING_FACTOR)
-    assert functional_norm_lower_bound(of, R) == pytest.approx(before / 2, rel=1e-9)
+    assert functional_norm_lower_bound(stub, R) == pytest.approx(before / 2, rel=1e-9)
 
 
 def test_the_sum_of_the_lift_and_the_solution_is_rounded():
@@ -105,8 +107,8 @@ def test_the_sum_of_the_lift_and_the_solution_is_rounded():
     u = np.array([3.0, -1.0, 2.0])
     finest = SimpleNamespace(hierarchy=SimpleNamespace(A=A))
     problem = SimpleNamespace(dirichlet_lift=np.ones(3), multigrid=SimpleNamespace(finest=finest))
-    found = MultilevelProblem._bound_lift_rounding(problem, u)
+    lift_rounding = MultilevelProblem._bound_lift_rounding(problem, u)
     for signs in np.ndindex(2, 2, 2):
         e = UNIT_ROUNDOFF * u * (2 * np.array(signs) - 1)
-        assert np.sqrt(e @ (A @ e)) <= found
+        assert np.sqrt(e @ (A @ e)) <= lift_rounding
     assert MultilevelProblem._bound_lift_rounding(SimpleNamespace(dirichlet_lift=np.zeros(3)), u) == 0

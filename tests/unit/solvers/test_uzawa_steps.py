@@ -23,12 +23,12 @@ def objective(y):
 def iterates(step, count):
     """(count, 3) of the loop, which tells F = S y + b only."""
     y = START.copy()
-    found = []
+    vectors = []
     for _ in range(count):
         F = S @ y + B
         step(y, F, np.minimum(y, F))
-        found.append(y.copy())
-    return np.array(found)
+        vectors.append(y.copy())
+    return np.array(vectors)
 
 
 def momentum(restarts, rho):
@@ -49,13 +49,13 @@ def momentum(restarts, rho):
         yield x
 
 
-def test_momentum_with_restarts_as_published():
+def test_momentum_with_restarts_is_as_published():
     """Equal but for rounding, for whose growth over the steps there is room."""
     restarts = []
     expected = np.array(list(islice(momentum(restarts, 0.9), 400)))
     assert len(restarts) > 1
-    found = iterates(Nesterov(S, B, 0.9, START), 400)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    computed = iterates(Nesterov(S, B, 0.9, START), 400)
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def dai_fletcher(cuts, rho):
@@ -92,13 +92,13 @@ def dai_fletcher(cuts, rho):
         k = k + 1
 
 
-def test_barzilai_and_borwein_s_steps_with_the_published_safeguard():
+def test_barzilai_and_borwein_s_steps_have_the_published_safeguard():
     """Equal but for rounding, for whose growth over the steps there is room."""
     cuts = []
     expected = np.array(list(islice(dai_fletcher(cuts, 0.9), 50)))
     assert len(cuts) > 1
-    found = iterates(BarzilaiBorwein(S, B, 0.9, START), 50)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    computed = iterates(BarzilaiBorwein(S, B, 0.9, START), 50)
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():
@@ -117,7 +117,7 @@ def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():
     ("start", "expected"),
     [([1.0, 1.0], [0.91 / 0.19, 0.0]), ([1.0, 0.0], [1.0, 0.0]), ([0.0, 1.0], [0.0, 0.1])],
 )
-def test_a_newton_step_by_hand(start, expected):
+def test_a_newton_step_is_that_by_hand(start, expected):
     """S = [[1, 0.9], [0.9, 1]] and b = (-1, -0.1), with what is positive at the start taken for contact.
 
     There S y = -b, (0.91, -0.8)/0.19 on both, and 0 elsewhere, and in the place of what is negative.

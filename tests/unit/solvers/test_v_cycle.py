@@ -6,7 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from nested import Nested, alone, at_random, graded, prolongation, refined
+from nested import (
+    Nested,
+    forget_refinement,
+    grade_mesh_levels,
+    prolongation,
+    refine_at_random,
+    refine_mesh_levels,
+)
 from scipy.linalg import eigh
 
 from unilateral.fem.hierarchy import FinerSpace, build_hierarchy
@@ -21,31 +28,31 @@ ALL = [(mesh, case) for mesh in MESHES for case in CASES]
 
 
 @cache
-def nested(mesh: str) -> Nested:
-    first = alone(make_structured_mesh(find_polygon("lshape"), 1))
+def make_hierarchy(mesh: str) -> Nested:
+    first = forget_refinement(make_structured_mesh(find_polygon("lshape"), 1))
     if mesh == "at random":
-        return at_random(meshes.make_unstructured_mesh(find_polygon("lshape"), 0.7), 4, 2, 0.4)
-    return refined(first, 3) if mesh == "uniform" else graded(first, 2, 9)
+        return refine_at_random(meshes.make_unstructured_mesh(find_polygon("lshape"), 0.7), 4, 2, 0.4)
+    return refine_mesh_levels(first, 3) if mesh == "uniform" else grade_mesh_levels(first, 2, 9)
 
 
-def fixed(mesh: str, case: str) -> np.ndarray:
-    boundary = nested(mesh).of.boundary.astype(np.intp)
+def choose_fixed_nodes(mesh: str, case: str) -> np.ndarray:
+    boundary = make_hierarchy(mesh).hierarchy.boundary.astype(np.intp)
     chosen = {"nothing": slice(0), "a strip": slice(9, 16), "islands": slice(0, None, 3)}
     return np.sort(boundary[chosen.get(case, slice(None))])
 
 
 def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
     """(T P)^T A (T P) and so on, from the finest level down."""
-    of = nested(mesh).of
-    S = of.A.toarray()
-    found = []
-    S[fixed(mesh, case)] = 0
-    S[:, fixed(mesh, case)] = 0
-    for level in of.levels[::-1]:
+    hierarchy = make_hierarchy(mesh).hierarchy
+    S = hierarchy.A.toarray()
+    matrices = []
+    S[choose_fixed_nodes(mesh, case)] = 0
+    S[:, choose_fixed_nodes(mesh, case)] = 0
+    for level in hierarchy.levels[::-1]:
         P = prolongation(level).toarray()
         S = P.T @ S @ P
-        found.append(S)
-    return found
+        matrices.append(S)
+    return matrices
 
 
 def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
@@ -56,17 +63,17 @@ def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> None:
-    of = nested(mesh).of
-    cycle = TruncatedCycle(nested(mesh).of, fixed(mesh, case))
+    hierarchy = make_hierarchy(mesh).hierarchy
+    cycle = TruncatedCycle(make_hierarchy(mesh).hierarchy, choose_fixed_nodes(mesh, case))
     cut_away = 0
     products = truncated_products(mesh, case)
-    for S, found, level in zip(products, cycle.matrices[::-1], of.levels[-2::-1], strict=False):
+    for S, matrix, level in zip(products, cycle.matrices[::-1], hierarchy.levels[-2::-1], strict=False):
         rows, columns = nodes_of(level)
         before = level.rows.diagonal() if level.columns is None else level.rows[:, : len(rows)].diagonal()
         expected = np.zeros_like(S)
         gone = np.diag(S)[rows] < 1e-10 * before
         expected[rows, rows] = np.where(gone, before, 0)
-        assert np.abs(found.toarray() - (S + expected)[np.ix_(rows, columns)]).max() < 1e-12
+        assert np.abs(matrix.toarray() - (S + expected)[np.ix_(rows, columns)]).max() < 1e-12
         outside = np.setdiff1d(np.arange(level.n), columns)
         assert np.abs(S[np.ix_(rows, outside)]).max(initial=0) < 1e-12
         cut_away += np.count_nonzero(gone)
@@ -76,34 +83,38 @@ def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> 
 
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
-def test_the_coarsest_one_is_solved_with(mesh: str, case: str) -> None:
+def test_the_coarsest_matrix_is_solved_with_exactly(mesh: str, case: str) -> None:
     S = truncated_products(mesh, case)[-1]
-    of = nested(mesh).of
-    S = S + np.diag(np.where(np.diag(S) < 1e-10 * of.A_0.diagonal(), of.A_0.diagonal(), 0))
+    hierarchy = make_hierarchy(mesh).hierarchy
+    S = S + np.diag(np.where(np.diag(S) < 1e-10 * hierarchy.A_0.diagonal(), hierarchy.A_0.diagonal(), 0))
     b = np.random.default_rng(1).standard_normal(len(S))
     assert np.allclose(
-        S @ TruncatedCycle(of, fixed(mesh, case)).coarse_factors.solve(b), b, rtol=0, atol=1e-10
+        S @ TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, case)).coarse_factors.solve(b),
+        b,
+        rtol=0,
+        atol=1e-10,
     )
 
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
-    of = nested(mesh).of
-    before = [level.rows.data.copy() for level in of.levels[:-1]]
-    TruncatedCycle(of, fixed(mesh, "the boundary"))
+    hierarchy = make_hierarchy(mesh).hierarchy
+    before = [level.rows.data.copy() for level in hierarchy.levels[:-1]]
+    TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, "the boundary"))
     assert all(
-        np.array_equal(level.rows.data, data) for level, data in zip(of.levels[:-1], before, strict=True)
+        np.array_equal(level.rows.data, entries)
+        for level, entries in zip(hierarchy.levels[:-1], before, strict=True)
     )
 
 
 def correction(mesh: str, case: str) -> np.ndarray:
     """T P C P^T T (n, n)."""
-    of = nested(mesh).of
-    cycle = TruncatedCycle(of, fixed(mesh, case))
+    hierarchy = make_hierarchy(mesh).hierarchy
+    cycle = TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, case))
     columns = []
-    for r in np.eye(of.n):
-        z = np.zeros(of.n)
-        cycle.correct(of.A, z, r)
+    for r in np.eye(hierarchy.n):
+        z = np.zeros(hierarchy.n)
+        cycle.correct(hierarchy.A, z, r)
         columns.append(z)
     return np.column_stack(columns)
 
@@ -111,9 +122,9 @@ def correction(mesh: str, case: str) -> np.ndarray:
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> None:
     C = correction(mesh, case)
-    A = nested(mesh).of.A.toarray()
+    A = make_hierarchy(mesh).hierarchy.A.toarray()
     assert np.abs(C - C.T).max() < 1e-12
-    assert np.abs(C[fixed(mesh, case)]).max(initial=0) == 0
+    assert np.abs(C[choose_fixed_nodes(mesh, case)]).max(initial=0) == 0
     # Of C A, in exact arithmetic between 0 and 1; the others belong to what coarse functions do not reach.
     values = eigh(A @ C @ A, A, eigvals_only=True)
     assert values[0] > -1e-11
@@ -123,10 +134,10 @@ def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> N
 @pytest.mark.parametrize("mesh", MESHES)
 def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
     """Without truncation, of functions of the level before nothing is lost but what smoothing leaves."""
-    of = nested(mesh).of
+    hierarchy = make_hierarchy(mesh).hierarchy
     C = correction(mesh, "nothing")
-    A = of.A.toarray()
-    P = prolongation(of.levels[-1]).toarray()
+    A = hierarchy.A.toarray()
+    P = prolongation(hierarchy.levels[-1]).toarray()
     inner = P.T @ A @ P
     values = eigh(P.T @ A @ C @ A @ P, inner, eigvals_only=True)
     assert values[0] > 0.2
@@ -135,17 +146,17 @@ def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
 
 @pytest.mark.parametrize("mesh", MESHES)
 def test_a_correction_starts_from_z(mesh: str) -> None:
-    of = nested(mesh).of
-    cycle = TruncatedCycle(of, fixed(mesh, "islands"))
-    A = of.A
+    hierarchy = make_hierarchy(mesh).hierarchy
+    cycle = TruncatedCycle(hierarchy, choose_fixed_nodes(mesh, "islands"))
+    A = hierarchy.A
     rng = np.random.default_rng(1)
-    z, r = rng.standard_normal((2, of.n))
+    z, r = rng.standard_normal((2, hierarchy.n))
     expected = np.zeros_like(z)
-    found = z.copy()
+    computed = z.copy()
     cycle.correct(A, expected, r - A @ z)
-    cycle.correct(A, found, r)
-    assert np.allclose(found, z + expected)
-    assert not np.allclose(found, z)
+    cycle.correct(A, computed, r)
+    assert np.allclose(computed, z + expected)
+    assert not np.allclose(computed, z)
 
 
 def test_hats_that_are_one_after_they_were_cut_are_no_obstacle() -> None:
@@ -153,14 +164,14 @@ def test_hats_that_are_one_after_they_were_cut_are_no_obstacle() -> None:
     the hat in the middle. What they make of it is exact up to CUT_AWAY.
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    of = build_hierarchy(
+    hierarchy = build_hierarchy(
         meshes.refine_uniformly(meshes.from_arrays(find_polygon("square"), corners, [[0, 1, 2], [0, 2, 3]]))
     )
-    cycle = TruncatedCycle(of, np.sort(of.boundary))
-    middle = np.setdiff1d(np.arange(of.n), of.boundary)
-    z = np.zeros(of.n)
-    u = np.zeros(of.n)
+    cycle = TruncatedCycle(hierarchy, np.sort(hierarchy.boundary))
+    middle = np.setdiff1d(np.arange(hierarchy.n), hierarchy.boundary)
+    z = np.zeros(hierarchy.n)
+    u = np.zeros(hierarchy.n)
     u[middle] = 1
-    cycle.correct(of.A, z, of.A @ u)
+    cycle.correct(hierarchy.A, z, hierarchy.A @ u)
     assert len(middle) == 1
     assert np.allclose(z, u, rtol=0, atol=10 * MIN_ENERGY_SHARE)

@@ -48,9 +48,9 @@ def read(tmp_path):
 )
 def test_plain_scalars_are_what_they_look_like(read, text, value):
     """As a value, in a list and as the name of a field, which always is a text."""
-    found = read(f"a: {text}\nb: [{text}]\n")
-    assert found == {"a": value, "b": [value] if text else []}
-    assert type(found["a"]) is type(value)
+    document = read(f"a: {text}\nb: [{text}]\n")
+    assert document == {"a": value, "b": [value] if text else []}
+    assert type(document["a"]) is type(value)
     if text.isalnum() and len(text) < 1000:
         assert read(f"{text}: 1") == {text: 1}
 
@@ -75,7 +75,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.values(), ids=REFUSED)
-def test_refusals(read, text, message):
+def test_declarations_that_do_not_fit_are_refused_with_the_place(read, text, message):
     with pytest.raises(InputError) as refusal:
         read(text)
     assert str(refusal.value).startswith("own.yaml")
@@ -116,10 +116,10 @@ def test_a_field_s_names_are_compared_in_linear_time(read):
     class Name(str):
         __hash__ = str.__hash__
 
-        def __eq__(self, other):
+        def __eq__(self, value):
             nonlocal count
             count += 1
-            return str.__eq__(self, other)
+            return str.__eq__(self, value)
 
     loader = declarations._Loader("")
     node = yaml.MappingNode("tag:yaml.org,2002:map", [])

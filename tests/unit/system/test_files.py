@@ -51,19 +51,19 @@ WRITERS = {
 
 
 @pytest.fixture
-def masked(request):
+def umask(request):
     old = os.umask(request.param)
     yield request.param
     os.umask(old)
 
 
-@pytest.mark.parametrize("masked", [0o077, 0o027, 0o022, 0o002, 0o000], indirect=True, ids=oct)
+@pytest.mark.parametrize("umask", [0o077, 0o027, 0o022, 0o002, 0o000], indirect=True, ids=oct)
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_file_has_the_permissions_of_any_new_file_and_nothing_beside_it(tmp_path, masked, name):
+def test_a_file_has_the_permissions_of_any_new_file_and_nothing_beside_it(tmp_path, umask, name):
     """POSIX: a new file that asks for 0666 gets 0666 less the umask."""
     WRITERS[name](tmp_path / name)
     assert [file.name for file in tmp_path.iterdir()] == [name]
-    assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~masked
+    assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~umask
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -76,9 +76,9 @@ def test_a_writer_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, monk
     path = tmp_path / name
     path.write_text(UNFILLED)
     monkeypatch.setattr(os, "replace", full)
-    with sentences.raises(StorageError, name) as found:
+    with sentences.raises(StorageError, name) as error:
         WRITERS[name](path)
-    assert found.value.exit_code == 4
+    assert error.value.exit_code == 4
     assert (path.read_text(), list(tmp_path.iterdir())) == (UNFILLED, [path])
 
 
@@ -99,18 +99,18 @@ def test_files_beside_the_named_one_come_with_it(tmp_path):
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "paper.md"])
-def test_a_folder_that_is_not_there(tmp_path, name):
-    with sentences.raises(InputError, name) as found:
+def test_a_folder_that_is_not_there_is_refused(tmp_path, name):
+    with sentences.raises(InputError, name) as error:
         WRITERS[name](tmp_path / "missing" / name)
-    assert found.value.exit_code == 2
+    assert error.value.exit_code == 2
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_comes_into_the_way(tmp_path):
+def test_a_folder_in_the_place_of_a_file_is_refused(tmp_path):
     """Its name is taken by no file."""
-    with sentences.raises(InputError, "a.nc") as found:
+    with sentences.raises(InputError, "a.nc") as error:
         written_beside_a_folder(tmp_path / "a.nc")
-    assert found.value.exit_code == 2
+    assert error.value.exit_code == 2
 
 
 def written_beside_a_folder(path):
@@ -125,7 +125,7 @@ UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionW
 
 def random_ends(folder, context, rng):
     """How often writing is ended by SIGTERM at a random moment, and how often that leaves something."""
-    ended = left = 0
+    ended = left_behind = 0
     before = signal.signal(signal.SIGALRM, signals._terminate)
     for _ in range(1000):
         try:
@@ -136,20 +136,20 @@ def random_ends(folder, context, rng):
         except (SystemExit, OSError):  # which the standard library makes of it at some moments
             ended += 1
         remains = [file for file in folder.iterdir() if file.name != "a.txt"]
-        left += bool(remains)
+        left_behind += bool(remains)
         for file in remains:
             shutil.rmtree(file)
     signal.setitimer(signal.ITIMER_REAL, 0)
     signal.signal(signal.SIGALRM, before)
-    return ended, left
+    return ended, left_behind
 
 
 @UNCLOSED
 def test_no_moment_to_be_ended_leaves_a_hidden_folder(tmp_path):
     """By the handler of SIGTERM, called by a clock."""
-    ended, left = random_ends(tmp_path, replacing, np.random.default_rng(1))
+    ended, left_behind = random_ends(tmp_path, replacing, np.random.default_rng(1))
     assert ended > 100
-    assert left == 0
+    assert left_behind == 0
 
 
 @UNCLOSED
@@ -161,9 +161,9 @@ def test_a_folder_whose_name_comes_too_late_is_left_at_some_moments(tmp_path):
         with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
             yield Path(folder) / path.name
 
-    ended, left = random_ends(tmp_path, plain, np.random.default_rng(1))
+    ended, left_behind = random_ends(tmp_path, plain, np.random.default_rng(1))
     assert ended > 100
-    assert left > 0
+    assert left_behind > 0
 
 
 def test_handlers_are_as_before_afterwards_and_what_is_ignored_stays_so():
@@ -171,33 +171,33 @@ def test_handlers_are_as_before_afterwards_and_what_is_ignored_stays_so():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN), signal.getsignal(signal.SIGTERM)
     with signals.cleaning_up():
         inside = signal.getsignal(signal.SIGINT)
-        with pytest.raises(SystemExit) as found:
+        with pytest.raises(SystemExit) as error:
             os.kill(os.getpid(), signal.SIGTERM)
     after = signal.signal(signal.SIGINT, before[0]), signal.getsignal(signal.SIGTERM)
-    assert (inside, found.value.code, after) == (signal.SIG_IGN, 143, (signal.SIG_IGN, before[1]))
+    assert (inside, error.value.code, after) == (signal.SIG_IGN, 143, (signal.SIG_IGN, before[1]))
 
 
 def caught():
     """The signals that have a handler, as the system knows it; see proc(5)."""
-    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if "SigCgt" in line)
+    (line,) = [line for line in Path("/proc/self/status").read_text().splitlines() if "SigCgt" in line]
     mask = int(line.split()[1], 16)
     return {number for number in signal.valid_signals() if mask >> (number - 1) & 1}
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="/proc tells the system's handlers")
-@pytest.mark.parametrize("kept", [True, False], ids=["kept", "control"])
-def test_handlers_that_a_library_written_in_c_resets_are_set_again(kept):
+@pytest.mark.parametrize("retained", [True, False], ids=["kept", "control"])
+def test_handlers_that_a_library_written_in_c_resets_are_set_again(retained):
     """As the system knows them: Python is not told of it. Control: they are gone without that."""
     sent = signal.SIGUSR1
     before = signal.signal(sent, lambda *_: None)
     try:
-        with signals.keeping_handlers() if kept else nullcontext():
+        with signals.keeping_handlers() if retained else nullcontext():
             reset = ctypes.CDLL(None).signal
             reset.argtypes = (ctypes.c_int, ctypes.c_void_p)
             reset.restype = ctypes.c_void_p
             reset(sent, None)  # SIG_DFL
             assert sent not in caught()
-        assert (sent in caught()) == kept
+        assert (sent in caught()) == retained
     finally:
         signal.signal(sent, before)
 
@@ -239,7 +239,7 @@ def test_a_write_protected_file_is_kept(tmp_path, name):
     with sentences.raises(InputError, name):
         WRITERS[name](path)
     assert path.read_text() == UNFILLED
-    assert [each.name for each in tmp_path.iterdir()] == [name]
+    assert [item.name for item in tmp_path.iterdir()] == [name]
     path.chmod(0o644)
     WRITERS[name](path)
     assert path.read_bytes() != UNFILLED.encode()
@@ -258,7 +258,7 @@ def test_a_link_stays_and_the_file_behind_it_is_replaced(tmp_path, name):
     WRITERS[name](link)
     assert link.is_symlink()
     assert behind.read_bytes() == first
-    assert {each.name for each in tmp_path.rglob("*")} == {"elsewhere", "data", name}
+    assert {path.name for path in tmp_path.rglob("*")} == {"elsewhere", "data", name}
     behind.chmod(0o444)
     with sentences.raises(InputError):
         WRITERS[name](link)

@@ -15,7 +15,7 @@ def endless(started):
         time.sleep(1e-3)
 
 
-def gone(threads):
+def wait_for_end(threads):
     """Whether the threads end, which they are given ten seconds for."""
     for thread in threads:
         thread.join(10)
@@ -32,13 +32,13 @@ def test_what_a_function_returns_or_raises_is_handed_on():
 @pytest.mark.parametrize("in_a_thread", [False, True])
 def test_what_does_not_end_is_ended(in_a_thread):
     started = []
-    seen = []
+    calls = []
 
     def wait():
         try:
             run_with_limit(lambda: endless(started), 0.05)
         except OutOfTime:
-            seen.append("given up")
+            calls.append("given up")
 
     if in_a_thread:
         waiting = threading.Thread(target=wait)
@@ -46,8 +46,8 @@ def test_what_does_not_end_is_ended(in_a_thread):
         waiting.join(10)
     else:
         wait()
-    assert seen == ["given up"]
-    assert gone(started)
+    assert calls == ["given up"]
+    assert wait_for_end(started)
 
 
 def test_an_interrupt_is_heard_meanwhile():
@@ -55,4 +55,4 @@ def test_an_interrupt_is_heard_meanwhile():
     threading.Timer(0.1, _thread.interrupt_main).start()
     with pytest.raises(KeyboardInterrupt):
         run_with_limit(lambda: endless(started), 60)
-    assert gone(started)
+    assert wait_for_end(started)

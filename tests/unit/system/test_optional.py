@@ -25,34 +25,47 @@ def canonical(name):
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def wanted(entries, extra=""):
+def list_required_packages(entries, extra=""):
     """The names of what these requirements ask for here."""
-    found = set()
-    for each in map(Requirement, entries):
-        if each.marker is None or each.marker.evaluate({"extra": extra}):
-            own = [wanted(EXTRAS[of]) for of in each.extras] if each.name == "unilateral" else []
-            found |= set().union(*own) if own else {canonical(each.name)}
-    return found
+    names = set()
+    for requirement in map(Requirement, entries):
+        if requirement.marker is None or requirement.marker.evaluate({"extra": extra}):
+            original = (
+                [list_required_packages(EXTRAS[extra_name]) for extra_name in requirement.extras]
+                if requirement.name == "unilateral"
+                else []
+            )
+            names |= set().union(*original) if original else {canonical(requirement.name)}
+    return names
 
 
 @cache
 def distributions(name):
     """All that an installation of that set brings, as the packages that are installed here declare it."""
-    waiting = wanted(PROJECT["dependencies"]) | (wanted(EXTRAS[name]) if name != "core" else set())
-    found = {"unilateral"}
+    waiting = list_required_packages(PROJECT["dependencies"]) | (
+        list_required_packages(EXTRAS[name]) if name != "core" else set()
+    )
+    names = {"unilateral"}
     while waiting:
-        found.add(each := waiting.pop())
-        waiting |= wanted(importlib.metadata.requires(each) or []) - found
-    return found
+        names.add(item := waiting.pop())
+        waiting |= list_required_packages(importlib.metadata.requires(item) or []) - names
+    return names
 
 
 def absent(name):
     """The modules at the top of what is installed here but not by that set, the study among them."""
-    kept = distributions(name)
-    return ["study", *(module for module, of in TOP.items() if not kept & {*map(canonical, of)})]
+    kept_distributions = distributions(name)
+    return [
+        "study",
+        *(
+            module
+            for module, distributions in TOP.items()
+            if not kept_distributions & {*map(canonical, distributions)}
+        ),
+    ]
 
 
-def tried(name, folder, missing):
+def run_smoke(name, folder, missing):
     return subprocess.run(
         [sys.executable, str(ROOT / "tests/smoke.py"), name, *missing],
         capture_output=True,
@@ -66,7 +79,7 @@ def tried(name, folder, missing):
 def test_a_set_does_what_it_should_with_its_own_packages_only(tmp_path, name):
     """In a process in which no other package can be imported. All of them are imported for the set `all`, and
     pictures drawn, which takes 10 s."""
-    done = tried(name, tmp_path, absent(name))
+    done = run_smoke(name, tmp_path, absent(name))
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith(f"{name}: ")
 
@@ -74,7 +87,7 @@ def test_a_set_does_what_it_should_with_its_own_packages_only(tmp_path, name):
 @pytest.mark.parametrize(("name", "module"), [("core", "yaml"), ("mesh", "gmsh")])
 def test_a_set_without_one_of_its_packages_fails(tmp_path, name, module):
     """Control."""
-    assert tried(name, tmp_path, [*absent(name), module]).returncode != 0
+    assert run_smoke(name, tmp_path, [*absent(name), module]).returncode != 0
 
 
 def test_the_core_has_none_of_the_optional_packages():
@@ -83,8 +96,8 @@ def test_the_core_has_none_of_the_optional_packages():
     assert set(optional.EXTRAS) <= absent_of_core
     modules = {canonical(name): name for name in optional.EXTRAS}
     for extra in ("plot", "files", "mesh"):
-        own = {name for name, module in modules.items() if optional.EXTRAS[module] == extra}
-        assert wanted(EXTRAS[extra]) == own
+        original = {name for name, module in modules.items() if optional.EXTRAS[module] == extra}
+        assert list_required_packages(EXTRAS[extra]) == original
 
 
 def test_all_extras_together_have_what_the_solver_can_use():

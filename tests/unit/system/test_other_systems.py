@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from conftest import ROOT
-from nested import assembled
+from nested import assemble_by_elements
 
 from unilateral.fem import linear_systems
 from unilateral.geometry.polygon import find_polygon
@@ -49,7 +49,7 @@ OF_THE_RUN = {"seconds", "peak_mb", "versions", "iterations", "algebraic_bound"}
 """What the machine, and the order in which unknowns are eliminated, have a say in."""
 
 
-def solved(*arguments, **environment):
+def run_command(*arguments, **environment):
     """What a command prints; it has to succeed without a word on standard error."""
     done = subprocess.run(
         [sys.executable, *arguments], capture_output=True, env={**os.environ, **environment}, timeout=60
@@ -61,14 +61,14 @@ def solved(*arguments, **environment):
 @pytest.mark.parametrize("how", [("--accuracy", "0.1"), ("--h", "1/16", "--H", "1/8")], ids=" ".join)
 def test_a_solution_is_the_same_without_what_only_linux_has(how, run):
     """By levels, and by elimination in another order: the same numbers up to rounding."""
-    task = ("solve", str(ROOT / "examples/cog.yaml"), *how, "--json")
-    here = json.loads(run(*task)[1])
-    there = json.loads(solved("-c", WITHOUT, *task))
+    task = ["solve", str(ROOT / "examples/cog.yaml"), *how, "--json"]
+    document = json.loads(run(*task)[1])
+    there = json.loads(run_command("-c", WITHOUT, *task))
     assert there["peak_mb"] == 99
-    for name in set(here) - OF_THE_RUN - {"levels", "contact", "forces"}:
-        is_real = isinstance(here[name], float)
-        assert there[name] == (pytest.approx(here[name], rel=1e-6) if is_real else here[name])
-    here_whole = here["forces"]["boundary"]
+    for name in set(document) - OF_THE_RUN - {"levels", "contact", "forces"}:
+        is_real = isinstance(document[name], float)
+        assert there[name] == (pytest.approx(document[name], rel=1e-6) if is_real else document[name])
+    here_whole = document["forces"]["boundary"]
     there_whole = there["forces"]["boundary"]
     assert there_whole.pop("known") == here_whole.pop("known") == "both"
     assert there_whole == pytest.approx(here_whole, rel=1e-6)
@@ -93,14 +93,14 @@ def test_files_are_the_same_where_the_locale_has_ascii_only(tmp_path, monkeypatc
     """And nothing is opened in the locale's encoding, of which Python warns if it is asked to; libraries that
     write other files than .csv do so.
     """
-    strict = ("-X", "warn_default_encoding", "-W", "error::EncodingWarning", "-c", WRITES)
+    strict = ["-X", "warn_default_encoding", "-W", "error::EncodingWarning", "-c", WRITES]
     written = []
     ascii_only = {"PYTHONUTF8": "0", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"}
     for name, environment in (("utf-8", {}), ("ascii", ascii_only)):
         folder = tmp_path / name
         folder.mkdir()
         monkeypatch.chdir(folder)
-        solved(*strict, **environment)
+        run_command(*strict, **environment)
         written.append([(folder / f"own.{ending}").read_bytes() for ending in ("yaml", "csv", "vtu")])
     assert written[0] == written[1]
     assert b"\r" not in b"".join(written[0])
@@ -120,13 +120,13 @@ def test_the_boundary_is_eliminated_last_without_metis(monkeypatch):
     """The Schur complement in the factors is the one by dense algebra."""
     monkeypatch.setattr(linear_systems, "pymetis", None)
     mesh = make_structured_mesh(find_polygon("lshape"), 1 / 8)
-    A = sp.csr_array(assembled(mesh))
+    A = sp.csr_array(assemble_by_elements(mesh))
     order = linear_systems.elimination_order(A, mesh.boundary)
     assert sorted(order) == list(range(mesh.n_nodes))
     R = linear_systems.schur_factor(linear_systems.factorise(A, order), len(mesh.boundary))
     inner = np.delete(np.arange(mesh.n_nodes), mesh.boundary)
     dense = A.toarray()
     across = dense[np.ix_(inner, mesh.boundary)]
-    of_boundary = dense[np.ix_(mesh.boundary, mesh.boundary)]
-    schur = of_boundary - across.T @ np.linalg.solve(dense[np.ix_(inner, inner)], across)
+    boundary = dense[np.ix_(mesh.boundary, mesh.boundary)]
+    schur = boundary - across.T @ np.linalg.solve(dense[np.ix_(inner, inner)], across)
     np.testing.assert_allclose(R.T @ R, schur, rtol=0, atol=1e-13 * np.abs(schur).max())

@@ -26,45 +26,45 @@ STOP = Stop(fraction=0.01)
 
 
 @pytest.fixture(scope="module")
-def measured():
+def tables_of_thirds():
     """Of `thirds` from h = 1/4 on, 25 unknowns: errors, constants, timings."""
     return adaptive.measure(load("thirds").problem, 1 / 4, LIMITS, STOP)
 
 
-def test_both_kinds_start_from_one_mesh_and_keep_the_limit(measured):
+def test_both_kinds_start_from_one_mesh_and_keep_the_limit(tables_of_thirds):
     """Nodes of a structured mesh: (n + 1)^2. On uniform meshes every edge is halved."""
-    unknowns = measured[0]["unknowns"]
-    of_uniform = unknowns.sel(kind="uniform").dropna("level").values
-    assert of_uniform.tolist() == [25, 81]
-    of_adapted = unknowns.sel(kind="adapted").dropna("level").values
-    assert of_adapted[0] == 25
-    assert np.all(np.diff(of_adapted) > 0)
-    assert of_adapted[-1] <= LIMITS.unknowns
-    assert len(of_adapted) > 3
-    uniform = measured[0].sel(kind="uniform").isel(level=[0, 1])
+    unknowns = tables_of_thirds[0]["unknowns"]
+    uniform_unknowns = unknowns.sel(kind="uniform").dropna("level").values
+    assert uniform_unknowns.tolist() == [25, 81]
+    adapted_unknowns = unknowns.sel(kind="adapted").dropna("level").values
+    assert adapted_unknowns[0] == 25
+    assert np.all(np.diff(adapted_unknowns) > 0)
+    assert adapted_unknowns[-1] <= LIMITS.unknowns
+    assert len(adapted_unknowns) > 3
+    uniform = tables_of_thirds[0].sel(kind="uniform").isel(level=[0, 1])
     assert uniform["shortest_edge"].values.tolist() == [0.25, 0.125]
     assert_allclose(uniform["diameter"], np.sqrt(2) * uniform["shortest_edge"], rtol=1e-12)
     assert uniform["multipliers"].values.tolist() == [8, 16]
 
 
-def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(measured):
+def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(tables_of_thirds):
     """On the finer uniform mesh, by active sets on the boundary; quadrature agrees to its accuracy."""
-    errors = measured[0]
+    errors = tables_of_thirds[0]
     case = load("thirds")
     mesh = make_structured_mesh(square(), 1 / 8)
     cells = make_uniform_partition(square(), 1 / 4)
-    alone = discretise(case.problem, mesh, cells)
-    solved = alone.solve(Stop(tolerance=1e-12, algorithm="active_set"))
-    found = errors.sel(kind="uniform").isel(level=1)
-    assert float(found["h1_error"]) == pytest.approx(exact_errors(alone, solved).h1, rel=1e-3)
-    known = errors["h1_error"].notnull()
-    assert np.all((errors["h1_bound"] >= errors["h1_error"]).where(known, True))
-    assert np.all((errors["algebraic_bound"] <= 0.01 * errors["h1_bound"]).where(known, True))
+    single = discretise(case.problem, mesh, cells)
+    solved = single.solve(Stop(tolerance=1e-12, algorithm="active_set"))
+    row = errors.sel(kind="uniform").isel(level=1)
+    assert float(row["h1_error"]) == pytest.approx(exact_errors(single, solved).h1, rel=1e-3)
+    expected = errors["h1_error"].notnull()
+    assert np.all((errors["h1_bound"] >= errors["h1_error"]).where(expected, True))
+    assert np.all((errors["algebraic_bound"] <= 0.01 * errors["h1_bound"]).where(expected, True))
     assert float(errors["asymptotic_from"]) == 32**2
 
 
-def test_beta_is_measured_on_adapted_meshes_up_to_its_limit(measured):
-    errors, constants, _ = measured
+def test_beta_is_measured_on_adapted_meshes_up_to_its_limit(tables_of_thirds):
+    errors, constants, _ = tables_of_thirds
     small = (errors["unknowns"] <= LIMITS.of_beta) & (errors["kind"] == "adapted")
     assert np.array_equal(constants["beta_lower"].notnull(), small)
     assert np.all((constants["cell_over_edge"] > 2 - 1e-9).where(small, True))
@@ -77,18 +77,18 @@ def test_one_gram_matrix_serves_the_cells_and_their_edges():
     """
     mesh = make_structured_mesh(square(), 1 / 4)
     cells = make_uniform_partition(square(), 1 / 2)
-    found = adaptive.beta_constants(SimpleNamespace(mesh=mesh, partition=cells, form=H1))
+    beta_constants = adaptive.beta_constants(SimpleNamespace(mesh=mesh, partition=cells, form=H1))
     spaces = mixed_spaces(condense(mesh), cells)
-    own = infsup_constants(spaces.operator, build_dual_norm(cells).gram().p0)
-    assert found["beta_lower"] == pytest.approx(own.beta_lower, rel=5e-3)
-    assert found["beta_lower"] <= own.beta_upper
-    assert found["beta_of_edges"] == 0
+    original = infsup_constants(spaces.operator, build_dual_norm(cells).gram().p0)
+    assert beta_constants["beta_lower"] == pytest.approx(original.beta_lower, rel=5e-3)
+    assert beta_constants["beta_lower"] <= original.beta_upper
+    assert beta_constants["beta_of_edges"] == 0
 
 
-def test_seconds_add_up(measured):
+def test_spent_seconds_never_fall_from_level_to_level(tables_of_thirds):
     """So they never fall; how many there are depends on the machine."""
-    spent = measured[2]["spent_seconds"]
-    assert np.array_equal(spent.notnull(), measured[0]["unknowns"].notnull())
+    spent = tables_of_thirds[2]["spent_seconds"]
+    assert np.array_equal(spent.notnull(), tables_of_thirds[0]["unknowns"].notnull())
     for kind in spent["kind"].values:
         assert np.all(np.diff(spent.sel(kind=kind).dropna("level").values) >= 0)
 
@@ -104,12 +104,12 @@ def test_a_problem_of_ones_own_has_bounds_and_no_errors(problem_of):
     assert float(constants["edges_per_cell"].min()) == 2
 
 
-def test_tables_are_put_together(measured):
-    errors = measured[0]
-    both = adaptive.join_tables([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
-    assert both["case"].values.tolist() == ["a", "b"]
-    assert both.sizes["level"] == errors.sizes["level"]
-    assert both["unknowns"].sel(case="b").isel(level=slice(2, None)).isnull().all()
+def test_joined_tables_have_all_cases_and_nan_beyond_the_last_level(tables_of_thirds):
+    errors = tables_of_thirds[0]
+    join_tables = adaptive.join_tables([errors, errors.isel(level=[0, 1])], "case", ["a", "b"])
+    assert join_tables["case"].values.tolist() == ["a", "b"]
+    assert join_tables.sizes["level"] == errors.sizes["level"]
+    assert join_tables["unknowns"].sel(case="b").isel(level=slice(2, None)).isnull().all()
 
 
 def levels(unknowns, error, bound, start):
@@ -117,7 +117,7 @@ def levels(unknowns, error, bound, start):
     order = ("case", "kind", "level")
     shape = (1, 2, len(unknowns))
     values = {"unknowns": unknowns, "h1_error": error, "h1_bound": bound, "algebraic_bound": 0.01 * error}
-    table = {name: (order, np.broadcast_to(each, shape).copy()) for name, each in values.items()}
+    table = {name: (order, np.broadcast_to(value, shape).copy()) for name, value in values.items()}
     table |= {name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge")}
     table["asymptotic_from"] = ("case", [start])
     return xr.Dataset(table, {"case": ["c"], "kind": ["uniform", "adapted"], "level": range(len(unknowns))})
@@ -129,21 +129,21 @@ N = np.array([10.0, 20.0, 40.0, 100.0, np.nan])
 def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
     """From 10 to 40, from 20 to 100, and no further; the error is N^-1/2, but 4 times that at 40."""
     error = N**-0.5 * [1, 1, 4, 1, 1]
-    found = adaptive.rates_in_unknowns(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
-    assert_allclose(found["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
-    assert_allclose(found["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
-    assert found["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
-    assert_allclose(found["index"], 2 * N**-0.25 / error)
-    assert_allclose(found["share"].dropna("level"), 0.01)
+    row = adaptive.rates_in_unknowns(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
+    assert_allclose(row["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
+    assert_allclose(row["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
+    assert row["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
+    assert_allclose(row["index"], 2 * N**-0.25 / error)
+    assert_allclose(row["share"].dropna("level"), 0.01)
     every = adaptive.rates_in_unknowns(levels(N, error, error, 0), 3).isel(case=0, kind=0)["error_rate"]
     assert_allclose(every[:2], [0.5 - 1, 0.5])
 
 
-def test_of_a_case_without_a_start_nothing_is_asymptotic():
-    found = adaptive.rates_in_unknowns(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
-    assert not found["asymptotic"].any()
-    assert found["error_rate"].isnull().all()
-    assert_allclose(found["bound_rate"][:2], [1, 1])
+def test_no_level_is_asymptotic_in_a_case_without_a_start():
+    row = adaptive.rates_in_unknowns(levels(N, N * np.nan, 1 / N, np.nan), 3).isel(case=0, kind=0)
+    assert not row["asymptotic"].any()
+    assert row["error_rate"].isnull().all()
+    assert_allclose(row["bound_rate"][:2], [1, 1])
 
 
 def test_the_table_has_the_finest_level_of_each_kind():
@@ -169,9 +169,9 @@ def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():
     assert rows.values.tolist() == [["`c`", "0.5", "100", "20", "5.0", "5.7"]]
 
 
-def test_of_beta_flat_meshes_are_told_apart():
-    of = {"beta_lower": [0.8, 0.7, 0.5], "beta_upper": [0.81, 0.71, 0.51], "smallest_angle": [45, 20, 19]}
-    of |= {"beta_of_edges": [0, 0.02, 0.01], "beta_0": [0.3, 0.2, 0.4]}
-    constants = xr.Dataset({name: ("level", np.array(values)) for name, values in of.items()})
-    found = adaptive_tables.summarise_adapted_beta(constants, 20)
-    assert found == {"beta": 0.7, "flat": 0.51, "angle": 19, "of_edges": 0.02, "beta_0": 0.2}
+def test_the_least_beta_of_flat_meshes_is_apart_from_that_of_others():
+    betas = {"beta_lower": [0.8, 0.7, 0.5], "beta_upper": [0.81, 0.71, 0.51], "smallest_angle": [45, 20, 19]}
+    betas |= {"beta_of_edges": [0, 0.02, 0.01], "beta_0": [0.3, 0.2, 0.4]}
+    constants = xr.Dataset({name: ("level", np.array(values)) for name, values in betas.items()})
+    adapted_beta = adaptive_tables.summarise_adapted_beta(constants, 20)
+    assert adapted_beta == {"beta": 0.7, "flat": 0.51, "angle": 19, "of_edges": 0.02, "beta_0": 0.2}

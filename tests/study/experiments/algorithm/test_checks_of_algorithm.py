@@ -13,12 +13,12 @@ LARGEST = math.sqrt(2) / math.tanh(1 / math.sqrt(8))
 
 def distances(meant=(), printed=(), clipless=()):
     """Distances that are 1, but for those by their shares of the limit."""
-    of = np.ones((2, 3, len(SHARES)))
+    values = np.ones((2, 3, len(SHARES)))
     for k, changed in enumerate((meant, printed, clipless)):
         for share, distance in dict(changed).items():
-            of[:, k, SHARES.index(share)] = distance
+            values[:, k, SHARES.index(share)] = distance
     return table(
-        distance=(("case", "variant", "rho_share"), of),
+        distance=(("case", "variant", "rho_share"), values),
         case=["full_contact", "natural"],
         variant=["as meant", "as printed", "without the clip"],
         rho_share=SHARES,
@@ -76,6 +76,6 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)

@@ -38,23 +38,23 @@ def test_errors_are_those_of_the_cases_solved_one_by_one(table):
     it is that of the second one.
     """
     np.testing.assert_allclose(table["H"], [[1, 1 / 2], [1 / 2, 1 / 4]])
-    own = discretise(CASES[1].problem, MESH, make_uniform_partition(square(), 1 / 4))
+    original = discretise(CASES[1].problem, MESH, make_uniform_partition(square(), 1 / 4))
     for k, case in enumerate(CASES):
-        exact = CaseProjections(replace(own.exact.ritz, case=case), cell_means(case, own.partition))
-        discrete = discretise_case(own.spaces, exact)
+        exact = CaseProjections(replace(original.exact.ritz, case=case), cell_means(case, original.partition))
+        discrete = discretise_case(original.spaces, exact)
         solution = solve_condensed_problem(discrete, STOP)
         h1 = exact_errors(discrete, solution).h1
-        found = table.isel(case=k, start=1, level=1)
+        row = table.isel(case=k, start=1, level=1)
         split = np.sqrt(h1**2 - float(table["ritz_error"]) ** 2)
-        assert float(found["discrete_error"]) == pytest.approx(split, rel=0.02)
-        assert float(found["consistency"]) == pytest.approx(discrete.exact.cell_means.consistency, rel=1e-12)
+        assert float(row["discrete_error"]) == pytest.approx(split, rel=0.02)
+        assert float(row["consistency"]) == pytest.approx(discrete.exact.cell_means.consistency, rel=1e-12)
     assert np.all(table["converged"] == 1)
     assert np.all(table["algebraic_bound"] <= 0.01 * table["discrete_error"])
 
 
 def integrals(family, power, n, carried):
     """(n,) integrals over n cells of s^power bumps: of lambda (carried 0) or of the gap (1)."""
-    found = np.zeros(n)
+    values = np.zeros(n)
     ends = np.arange(n + 1) / n
     for a, b in ((float(a), float(b)) for a, b in family.sort_intervals()[carried]):
         shapes = (
@@ -63,12 +63,12 @@ def integrals(family, power, n, carried):
         )
         cuts = [a, *ends[(ends > a) & (ends < b)], b]
         for low, high in pairwise(cuts):
-            found[int((low + high) / 2 * n)] += quad(shapes[carried], low, high, epsabs=0, limit=200)[0]
-    return found
+            values[int((low + high) / 2 * n)] += quad(shapes[carried], low, high, epsabs=0, limit=200)[0]
+    return values
 
 
 @pytest.mark.parametrize(("name", "gamma"), [("cantor_2", 2), ("violates_jj_jjj", 1 / 2)])
-def test_the_consistency_term_by_an_independent_sum(name, gamma):
+def test_the_consistency_term_is_that_by_a_sum_over_intervals(name, gamma):
     """Of the intervals one by one, by adaptive quadrature. The first and the last of 8 cells are off the set.
 
     What is left carries a hundredth of a gap: 128 pieces, each with 0.01/3^(gamma + 1) of the integral of one
@@ -79,8 +79,8 @@ def test_the_consistency_term_by_an_independent_sum(name, gamma):
     atom = case.atoms[0]
     flux = integrals(atom.cantor_set, float(atom.alpha), n, 0)
     expected = n * flux @ integrals(atom.cantor_set, gamma, n, 1)
-    found = cell_means(case, make_uniform_partition(square(), 1 / n)).consistency
-    assert expected * (1 - 1e-7) <= found <= 1.01 * expected
+    consistency = cell_means(case, make_uniform_partition(square(), 1 / n)).consistency
+    assert expected * (1 - 1e-7) <= consistency <= 1.01 * expected
     assert not expected <= n * flux @ integrals(atom.cantor_set, gamma + 0.1, n, 1) <= 1.01 * expected
 
 
@@ -93,13 +93,13 @@ def test_contact_and_a_gap_alternate(gamma):
     """
     (case,) = alternating_cases(square(), Q(1, 8), Q(1, 2), [gamma])
     declared = {"hypotheses": {"j": True, "jj": gamma >= 1, "jjj": True}}
-    found = certify_case(replace(case, declaration=declared))
+    known_case = certify_case(replace(case, declaration=declared))
     np.testing.assert_allclose(
-        found.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], rtol=0, atol=1e-14
+        known_case.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], rtol=0, atol=1e-14
     )
     flux = (1 / 16) ** 1.5 * beta(0.75, 5) / 2
-    of_gap = (1 / 16) ** float(gamma + 1) * beta(float(gamma + 1), float(gamma + 1))
-    expected = 4 * flux * of_gap * 8
+    gap = (1 / 16) ** float(gamma + 1) * beta(float(gamma + 1), float(gamma + 1))
+    expected = 4 * flux * gap * 8
     assert cell_means(case, make_uniform_partition(square(), 1 / 8)).consistency == pytest.approx(
         expected, rel=1e-10
     )

@@ -13,9 +13,9 @@ SIZES = [1 / 8, 1 / 16, 1 / 32]
 
 def steps_of(stops=(0.1, 0.01), **steps):
     """Steps (H/h, H) of algorithms to the last of two levels; to the first one all take one."""
-    values = np.array([np.broadcast_to(each, (2, 3)) for each in steps.values()], dtype=float)
-    of = (("algorithm", "H_over_h", "H", "stop"), np.stack([values**0, values], axis=-1))
-    return table(steps=of, algorithm=list(steps), H_over_h=[2.0, 4.0], H=("H", SIZES), stop=list(stops))
+    values = np.array([np.broadcast_to(step, (2, 3)) for step in steps.values()], dtype=float)
+    by_axis = (("algorithm", "H_over_h", "H", "stop"), np.stack([values**0, values], axis=-1))
+    return table(steps=by_axis, algorithm=list(steps), H_over_h=[2.0, 4.0], H=("H", SIZES), stop=list(stops))
 
 
 FEWER = steps_of(fast=[[1, 2, 4], [1, NAN, 8]], slow=[[3, 1, 1], [2, 2, 4]])
@@ -25,28 +25,28 @@ SLOWER = [12, 26, 34]
 
 def errors_at_a_level(error, lower=1.0, ran=True):
     """Errors (H,) at the level 0.1, of a discrete solution with the error 1."""
-    at = ("case", "H_over_h", "H")
+    dims = ("case", "H_over_h", "H")
     ones = np.ones((1, 1, 3))
     h1 = np.broadcast_to(np.asarray(error, float), (3,)).reshape(1, 1, 3, 1)
     hm12 = np.broadcast_to(np.asarray(lower, float), (3,)).reshape(1, 1, 3, 1)
     return table(
-        **dict.fromkeys(("h1_discrete", "hm12_discrete_lower"), (at, ones)),
-        setup_operations=(at, np.where(ran, ones, NAN)),
-        h1_error=((*at, "stop"), h1),
-        hm12_error_lower=((*at, "stop"), hm12),
+        **dict.fromkeys(("h1_discrete", "hm12_discrete_lower"), (dims, ones)),
+        setup_operations=(dims, np.where(ran, ones, NAN)),
+        h1_error=((*dims, "stop"), h1),
+        hm12_error_lower=((*dims, "stop"), hm12),
         **{"case": ["natural"], "H_over_h": [2.0], "H": ("H", SIZES), "stop": [0.1]},
     )
 
 
-def by_cells(with_A):
+def make_operations(with_A):
     """n = e^2, e^4 with quotients of operations 2 and 6, so 6/4 over 2/2; S takes 5 and 7 steps."""
-    at = ("algebra", "H")
+    dims = ("algebra", "H")
     n = np.exp([[2.0, 4.0], [2.0, 4.0]])
     operations = [[4.0, 18.0], [2.0, 3.0]]
     steps = [with_A, [[5], [7]]]
     h = [[0.5, 0.25], [0.5, 0.25]]
-    given = {"step_operations": (at, operations), "unknowns": (at, n), "h": (at, h)}
-    return table(**given, steps=((*at, "stop"), steps), algebra=["A", "S"])
+    variables = {"step_operations": (dims, operations), "unknowns": (dims, n), "h": (dims, h)}
+    return table(**variables, steps=((*dims, "stop"), steps), algebra=["A", "S"])
 
 
 UNLIKE = "steps with A are not known to be as many as those with S"
@@ -82,12 +82,12 @@ ROWS = [
     ("5.I", errors_at_a_level(1.0, [5.0, 3.0, 4.0]), (4 / 3, True)),
     ("5.I", errors_at_a_level(1.0, [5.0, 3.0, NAN]), "growth .* is not known of natural, H = 0.03125"),
     # A step by cells has to be the same step, if its growth would pass.
-    *[("5.J", by_cells(steps), 1.5) for steps in ([[5], [7]], [[5], [NAN]])],
-    *[("5.J", by_cells(steps), UNLIKE) for steps in ([[5], [8]], [[NAN], [NAN]])],
-    *[(STEEPER, by_cells(steps), 1.5) for steps in ([[5], [7]], [[5], [8]])],
+    *[("5.J", make_operations(steps), 1.5) for steps in ([[5], [7]], [[5], [NAN]])],
+    *[("5.J", make_operations(steps), UNLIKE) for steps in ([[5], [8]], [[NAN], [NAN]])],
+    *[(STEEPER, make_operations(steps), 1.5) for steps in ([[5], [7]], [[5], [8]])],
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)

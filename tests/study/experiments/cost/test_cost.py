@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 import yaml
-from conftest import ROOT, condensed, coupled, discrete, exact_errors, load
+from conftest import ROOT, condense_structured_mesh, couple_structured_mesh, discrete, exact_errors, load
 from scipy.sparse.linalg import splu
 
 from study import operations
@@ -34,17 +34,17 @@ STOPS = [10.0**-k for k in range(11)]
 class Counted(float):
     """A number that counts the operations it takes part in."""
 
-    done = 0
+    n_operations = 0
 
     @classmethod
-    def of(cls, values):
+    def wrap_array(cls, values):
         return np.array([cls(x) for x in values.ravel()], dtype=object).reshape(values.shape)
 
 
 def _counting(name):
-    def operation(self, *others):
-        Counted.done += 1
-        return Counted(getattr(float, name)(self, *map(float, others)))
+    def operation(self, *arguments):
+        Counted.n_operations += 1
+        return Counted(getattr(float, name)(self, *map(float, arguments)))
 
     return operation
 
@@ -59,10 +59,10 @@ def problem(case, n, ratio):
 
 def operations_of(work, *arguments):
     """How many operations a function takes of these numbers."""
-    numbers = [Counted.of(each) for each in arguments]
-    Counted.done = 0
+    numbers = [Counted.wrap_array(argument) for argument in arguments]
+    Counted.n_operations = 0
     work(*numbers)
-    return Counted.done
+    return Counted.n_operations
 
 
 def counted_step(method, m, cut=True):
@@ -71,9 +71,9 @@ def counted_step(method, m, cut=True):
     y = rng.random(m) + 1
     F = rng.random(m) + 1
     R = rng.random(m) + 1
-    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.of(0.5 * y))
+    step = acceleration.STEP_METHODS[method](np.eye(m), np.zeros(m), 0.5, Counted.wrap_array(0.5 * y))
     if isinstance(step, acceleration.BarzilaiBorwein):
-        step.previous_F = Counted.of(0.5 * F)
+        step.previous_F = Counted.wrap_array(0.5 * F)
         step.reference = -math.inf if cut else math.inf
     return operations_of(step, y, F, R)
 
@@ -94,7 +94,7 @@ def test_operations_of_a_step_are_those_counted(method):
 def brute_cholesky(a):
     for k in range(len(a)):
         a[k, k] = Counted(math.sqrt(a[k, k]))
-        Counted.done += 1
+        Counted.n_operations += 1
         for i in range(k + 1, len(a)):
             a[i, k] = a[i, k] / a[k, k]
         for j in range(k + 1, len(a)):
@@ -126,27 +126,27 @@ def spd(n, band):
 
 
 @pytest.mark.parametrize("n", [1, 2, 7])
-def test_dense_algebra_by_brute_force(n):
+def test_operations_of_dense_algebra_are_those_counted_by_brute_force(n):
     assert operations_of(brute_cholesky, spd(n, n)) == operations.count_cholesky(n)
     assert operations_of(np.matmul, spd(n, n), np.ones(n)) == operations.count_product_by_S(n)
     assert operations_of(brute_solve, spd(n, n), np.ones(n)) == operations.count_triangular_solve(n)
 
 
 @pytest.mark.parametrize(("n", "band"), [(6, 6), (8, 1), (9, 3)])
-def test_sparse_factors_by_brute_force(n, band):
+def test_operations_of_sparse_factors_are_those_counted_by_brute_force(n, band):
     options = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    found = operations.count_factors(splu(sp.csc_array(spd(n, band)), **options))
+    factors = operations.count_factors(splu(sp.csc_array(spd(n, band)), **options))
     a = spd(n, band)
-    assert found.factorise == operations_of(brute_lu, a)
+    assert factors.factorise == operations_of(brute_lu, a)
     brute_lu(a)
-    assert found.nonzeros == np.count_nonzero(a) + n
+    assert factors.nonzeros == np.count_nonzero(a) + n
     below = np.count_nonzero(np.tril(a, -1))
     above = np.count_nonzero(np.triu(a, 1))
-    assert found.solve == 2 * below + 2 * above + n
+    assert factors.solve == 2 * below + 2 * above + n
 
 
 @pytest.mark.parametrize(
-    ("algebra", "precision", "least", "most"),
+    ("algebra", "precision", "minimum", "maximum"),
     [
         ("A", "float64", 0, 1e-12),
         ("A_3", "float64", 0, 1e-12),
@@ -155,18 +155,18 @@ def test_sparse_factors_by_brute_force(n, band):
         ("S", "refined", 0, 0),
     ],
 )
-def test_every_way_to_S_y_gives_it(algebra, precision, least, most):
-    spaces = coupled("square", 16, 8)
+def test_every_way_to_S_y_gives_it(algebra, precision, minimum, maximum):
+    spaces = couple_structured_mesh("square", 16, 8)
     y = np.random.default_rng(2).random(len(spaces.operator.H_i))
     exact = spaces.operator.S @ y
     out = np.empty_like(y)
-    products.make_product(algebra, precision, spaces, condensed("square", 16))(y, out)
-    assert least <= np.abs(out - exact).max() / np.abs(exact).max() <= most
+    products.make_product(algebra, precision, spaces, condense_structured_mesh("square", 16))(y, out)
+    assert minimum <= np.abs(out - exact).max() / np.abs(exact).max() <= maximum
 
 
 def test_refinement_errs_like_the_increment():
     """Single precision of an increment of 1e-6 leaves 1e-6 of its error."""
-    operator = coupled("square", 16, 8).operator
+    operator = couple_structured_mesh("square", 16, 8).operator
     apply = products.make_refined_product(operator)
     y = np.random.default_rng(3).random(len(operator.H_i))
     out = np.empty_like(y)
@@ -182,28 +182,31 @@ def test_refinement_errs_like_the_increment():
 @pytest.mark.parametrize("method", acceleration.STEP_METHODS)
 @pytest.mark.parametrize("case", ["natural", "thirds"])
 def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
-    of = problem(case, 16, 2)
-    operator = of.spaces.operator
-    offset = of.offset
+    discrete = problem(case, 16, 2)
+    operator = discrete.spaces.operator
+    offset = discrete.offset
     tolerances = [0.01 * stop for stop in STOPS]
     rho = acceleration.STEP_METHODS[method].rho_factor / operator.lambda_max
-    seen = History(operator, offset, method, rho, tolerances)
+    history = History(operator, offset, method, rho, tolerances)
     apply = products.make_product_by_S(operator)
-    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
-    assert len(seen.reached_levels) == len(tolerances)
-    for tolerance, found in zip(tolerances, seen.reached_levels, strict=True):
-        alone = uzawa(operator, offset, tolerance, rho, method=method, apply=apply)
-        assert (found.steps, found.applications) == (alone.iterations, alone.operator_applications)
-        np.testing.assert_array_equal(found.lambda_H, alone.lambda_H)
-        assert found.bound == alone.bound <= tolerance
+    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=history)
+    assert len(history.reached_levels) == len(tolerances)
+    for tolerance, reached_level in zip(tolerances, history.reached_levels, strict=True):
+        single_uzawa = uzawa(operator, offset, tolerance, rho, method=method, apply=apply)
+        assert (reached_level.steps, reached_level.applications) == (
+            single_uzawa.iterations,
+            single_uzawa.operator_applications,
+        )
+        np.testing.assert_array_equal(reached_level.lambda_H, single_uzawa.lambda_H)
+        assert reached_level.bound == single_uzawa.bound <= tolerance
 
 
 def steps_with_rounding(method, seed):
     """To each level, every product S y changed by two units in its last place, at random."""
-    of = problem("thirds", 32, 2)
+    discrete = problem("thirds", 32, 2)
     rng = np.random.default_rng(seed)
-    operator = of.spaces.operator
-    offset = of.offset
+    operator = discrete.spaces.operator
+    offset = discrete.offset
     signs = np.array([-4e-16, 4e-16])
 
     def apply(y, out):
@@ -211,29 +214,30 @@ def steps_with_rounding(method, seed):
 
     tolerances = [0.2 * stop for stop in STOPS]
     rho = acceleration.STEP_METHODS[method].rho_factor / operator.lambda_max
-    seen = History(operator, offset, method, rho, tolerances)
-    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
-    return [each.steps for each in seen.reached_levels]
+    history = History(operator, offset, method, rho, tolerances)
+    uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=history)
+    return [reached_level.steps for reached_level in history.reached_levels]
 
 
 @pytest.mark.parametrize("method", acceleration.STEP_METHODS)
 def test_steps_that_are_shown_do_not_change_with_rounding(method):
     """Those of Barzilai and Borwein to 1e-10 do, and are not shown."""
-    first, *others = (steps_with_rounding(method, seed) for seed in range(6))
-    shown = STOPS.index(trade.COMPARED_LEVEL) + 1
+    first = steps_with_rounding(method, 0)
+    rounded_runs = [steps_with_rounding(method, seed) for seed in range(1, 6)]
+    displayed = STOPS.index(trade.COMPARED_LEVEL) + 1
     assert len(first) == len(STOPS)
-    assert all(each[:shown] == first[:shown] for each in others)
-    changes = any(each != first for each in others)
+    assert all(steps[:displayed] == first[:displayed] for steps in rounded_runs)
+    changes = any(steps != first for steps in rounded_runs)
     assert changes == (method == "barzilai_borwein")
 
 
 def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
-    of = problem("natural", 16, 2)
-    operator = of.spaces.operator
-    offset = of.offset
+    discrete = problem("natural", 16, 2)
+    operator = discrete.spaces.operator
+    offset = discrete.offset
     rho = 1.9 / operator.lambda_max
-    seen = History(operator, offset, "uzawa", rho, [1e-4, 1e-12])
+    history = History(operator, offset, "uzawa", rho, [1e-4, 1e-12])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         result = uzawa(
@@ -243,17 +247,17 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met():
             rho,
             max_steps=4000,
             apply=products.make_single_product(operator),
-            observe=seen,
+            observe=history,
         )
-    assert len(seen.reached_levels) == 1
-    assert seen.reached_levels[0].bound <= 1e-4
+    assert len(history.reached_levels) == 1
+    assert history.reached_levels[0].bound <= 1e-4
     assert residual_bound(operator, offset, result.lambda_H, rho) > 1e-9
 
 
 def test_an_axis_has_all_combinations_of_its_values_the_base_first():
     """By hand: two fields of three and two values; others are the base's."""
-    others = {"algorithm": ["safe", "newton"], "H_over_h": ["3/2"]}
-    (axis,) = plan_axes({"base": STUDY["base"], "axes": {"both": others}})
+    values_of_axis = {"algorithm": ["safe", "newton"], "H_over_h": ["3/2"]}
+    (axis,) = plan_axes({"base": STUDY["base"], "axes": {"both": values_of_axis}})
     assert axis.values == {"algorithm": ["uzawa", "safe", "newton"], "H_over_h": [2.0, 1.5]}
     expected = [
         BASE._replace(algorithm=name, H_over_h=ratio)
@@ -268,7 +272,7 @@ LIMITS = {"stops": STOPS, "max_steps": 100_000, "costly_steps": 50}
 
 
 @cache
-def measured():
+def measure_cost():
     """The tables along algorithms, and along ways to S y, on one mesh; by hand, few of the study's runs."""
     axes = plan_axes(
         {
@@ -283,25 +287,27 @@ def measured():
         [load("thirds")]
     )
     variants = list(dict.fromkeys(variant for axis in axes for variant in axis.variants))
-    rows = measure(condensed("square", 16).mesh, [load("thirds")], gram, variants, SIZES, LIMITS)
+    rows = measure(
+        condense_structured_mesh("square", 16).mesh, [load("thirds")], gram, variants, SIZES, LIMITS
+    )
     return [tabulate_axis(axis, rows, SIZES, STOPS) for axis in axes]
 
 
 def test_the_last_level_has_the_errors_of_the_solution():
     """`solve_condensed_problem` measures by other means: from the solution's u_h and lambda_H."""
-    table = measured()[0]
-    alone = problem("thirds", 16, 2)
-    errors = exact_errors(alone, solve_condensed_problem(alone, Stop(tolerance=1e-13)))
+    table = measure_cost()[0]
+    single_problem = problem("thirds", 16, 2)
+    errors = exact_errors(single_problem, solve_condensed_problem(single_problem, Stop(tolerance=1e-13)))
     for algorithm in table["algorithm"].values:
-        at = table.sel(algorithm=algorithm, H_over_h=2, H=1 / 8, stop=1e-10)
-        assert float(at["h1_error"]) == pytest.approx(errors.h1, rel=1e-9)
-        assert float(at["l2_error"]) == pytest.approx(errors.l2, rel=1e-8)
-        assert errors.hm12_discrete <= float(at["hm12_error_lower"]) * (1 + 1e-9)
-        assert float(at["hm12_error_lower"]) <= float(at["hm12_error_upper"])
+        row = table.sel(algorithm=algorithm, H_over_h=2, H=1 / 8, stop=1e-10)
+        assert float(row["h1_error"]) == pytest.approx(errors.h1, rel=1e-9)
+        assert float(row["l2_error"]) == pytest.approx(errors.l2, rel=1e-8)
+        assert errors.hm12_discrete <= float(row["hm12_error_lower"]) * (1 + 1e-9)
+        assert float(row["hm12_error_lower"]) <= float(row["hm12_error_upper"])
 
 
 def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
-    algebra = measured()[1].sel(H=1 / 8)
+    algebra = measure_cost()[1].sel(H=1 / 8)
     steps = algebra["steps"]
     for name in ("A", "A_3"):
         met = np.isfinite(steps.sel(algebra=name))
@@ -317,23 +323,23 @@ def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
 
 def test_what_is_not_measured_is_missing():
     """With cells of two edges H = 1/4 is not on this mesh, nor is H = 1/8 with cells of four."""
-    runs = np.isfinite(measured()[0]["h"].sel(algorithm="uzawa"))
+    runs = np.isfinite(measure_cost()[0]["h"].sel(algorithm="uzawa"))
     np.testing.assert_array_equal(runs.sel(H_over_h=[2, 4], H=SIZES), [[True, False], [False, True]])
 
 
 def test_operations_are_the_sum_of_their_parts():
     """Of plain Uzawa: steps + 1 residuals, steps updates, and a product for every other application."""
-    table = measured()[0].sel(algorithm="uzawa", H_over_h=2, H=1 / 8)
+    table = measure_cost()[0].sel(algorithm="uzawa", H_over_h=2, H=1 / 8)
     m = int(table["multipliers"])
     once = float(table["setup_operations"])
     steps = table["steps"].values
     product = m * (2 * m - 1)
     checks = table["operator_applications"].values - steps - 1
-    parts = (steps + 1) * (product + 4 * m) + steps * m + checks * (product + 2 * m)
-    np.testing.assert_array_equal(table["operations"].values, once + parts)
+    components = (steps + 1) * (product + 4 * m) + steps * m + checks * (product + 2 * m)
+    np.testing.assert_array_equal(table["operations"].values, once + components)
 
 
-def of_laws(sizes):
+def make_laws(sizes):
     """Steps digits / H by Uzawa's, digits / H^(1/2) by Nesterov's."""
     H = 2.0 ** -np.arange(2, 2 + sizes)
     digits = -np.log10(STOPS)
@@ -343,11 +349,13 @@ def of_laws(sizes):
     return xr.Dataset({"steps": (tuple(coords), np.stack([plain, fast])[:, None])}, coords=coords)
 
 
-def test_growth_of_known_laws():
+def test_growth_exponents_are_those_of_made_up_laws():
     """From H = 1/16 on; two sizes, of five, are too few."""
-    found = [trade.growth_exponent(of_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")]
-    assert found == pytest.approx([1, 0.5], abs=1e-12)
-    assert math.isnan(trade.growth_exponent(of_laws(4), "uzawa", 2, 1 / 16))
+    growth_exponents = [
+        trade.growth_exponent(make_laws(6), name, 2, 1 / 16) for name in ("uzawa", "nesterov")
+    ]
+    assert growth_exponents == pytest.approx([1, 0.5], abs=1e-12)
+    assert math.isnan(trade.growth_exponent(make_laws(4), "uzawa", 2, 1 / 16))
 
 
 def test_front_leaves_out_what_is_beaten():
@@ -363,14 +371,14 @@ def test_half_of_an_error_at_second_order_of_work_costs_its_square_root():
     )
 
 
-def of_errors(errors):
+def make_errors(errors):
     """A case whose discrete error is 1."""
     coords = {"case": ["one"], "H": [1 / 16], "stop": STOPS[: len(errors)]}
-    found = {
+    variables = {
         "h1_error": (tuple(coords), np.reshape(errors, (1, 1, -1))),
         "h1_discrete": (("case", "H"), [[1.0]]),
     }
-    return xr.Dataset(found, coords=coords)
+    return xr.Dataset(variables, coords=coords)
 
 
 @pytest.mark.parametrize(
@@ -383,32 +391,32 @@ def of_errors(errors):
     ],
 )
 def test_the_level_that_is_enough_has_no_worse_one_below(errors, stop):
-    assert trade.sufficient_stop(of_errors(errors), "h1", 1 / 16) == pytest.approx(stop, nan_ok=True)
+    assert trade.sufficient_stop(make_errors(errors), "h1", 1 / 16) == pytest.approx(stop, nan_ok=True)
 
 
-def at_ratios(factors):
+def make_ratios(factors):
     """Errors h times a factor of each H/h, with a set-up of h^-3: at the same work as far apart as these."""
     ratios = np.array([2.0, 3.0, 4.0])
     H = 2.0 ** -np.arange(3, 7)
     coords = {"H_over_h": ratios, "H": H, "stop": [1.0]}
     h = H / ratios[:, None]
     error = h[..., None] * np.reshape(factors, (3, 1, 1))
-    found = {"h1_error": (tuple(coords), error), "h1_discrete": (("H_over_h", "H"), error[..., 0])}
-    of_mesh = {"h": h, "u_norm": np.ones_like(h), "setup_operations": h**-3}
-    found |= {name: (("H_over_h", "H"), values) for name, values in of_mesh.items()}
-    found["operations"] = (tuple(coords), 3 * h[..., None] ** -3)
-    return xr.Dataset(found, coords=coords)
+    variables = {"h1_error": (tuple(coords), error), "h1_discrete": (("H_over_h", "H"), error[..., 0])}
+    mesh_fields = {"h": h, "u_norm": np.ones_like(h), "setup_operations": h**-3}
+    variables |= {name: (("H_over_h", "H"), values) for name, values in mesh_fields.items()}
+    variables["operations"] = (tuple(coords), 3 * h[..., None] ** -3)
+    return xr.Dataset(variables, coords=coords)
 
 
 @pytest.mark.parametrize("factors", [[1, 1.04, 1.06], [1.2, 1.1, 1], [1, 1, 1]])
 def test_ratios_are_as_good_as_their_errors_at_the_same_work(factors):
-    table = at_ratios(factors)
+    table = make_ratios(factors)
     losses = trade.losses_by_ratio(table["h1_discrete"], table["setup_operations"])
     assert list(losses.values()) == pytest.approx(np.array(factors) / min(factors))
 
 
 def test_ratios_with_too_few_sizes_take_no_part():
-    table = at_ratios([1.2, 1.1, 1])
+    table = make_ratios([1.2, 1.1, 1])
     table["setup_operations"][{"H_over_h": 2, "H": 2}] = np.nan
     losses = trade.losses_by_ratio(table["h1_discrete"], table["setup_operations"])
     assert losses == pytest.approx({2.0: 1.2 / 1.1, 3.0: 1.0})
@@ -416,8 +424,8 @@ def test_ratios_with_too_few_sizes_take_no_part():
 
 def test_the_price_is_that_of_the_finest_mesh_and_of_a_half():
     """Error h and work 3 h^-3, a third of it the set-up's: half of the error costs 8 times the work."""
-    found = trade.price_at_level(at_ratios([1, 1, 1]).sel(H_over_h=2), "h1", 1.0, 1 / 8)
-    assert found == pytest.approx((1.0, 1 / 128, 1 / 128, 3 * 128**3, 3, 8))
+    price = trade.price_at_level(make_ratios([1, 1, 1]).sel(H_over_h=2), "h1", 1.0, 1 / 8)
+    assert price == pytest.approx((1.0, 1 / 128, 1 / 128, 3 * 128**3, 3, 8))
 
 
 def test_forming_S_pays_after_its_cost_over_what_a_step_saves():
@@ -428,7 +436,7 @@ def test_forming_S_pays_after_its_cost_over_what_a_step_saves():
         "step_operations": [[10.0], [40.0]],
         "multipliers": [[3.0], [3.0]],
     }
-    table = xr.Dataset({name: (tuple(coords), each) for name, each in values.items()}, coords=coords)
+    table = xr.Dataset({name: (tuple(coords), value) for name, value in values.items()}, coords=coords)
     assert trade.break_even_steps(table) == pytest.approx([30])
 
 
@@ -439,9 +447,9 @@ def test_a_run_by_A_is_its_set_up_and_its_steps():
     values = {"steps": 9.0, "setup_operations": 700.0 + operations.count_spectrum(3), "step_operations": 30.0}
     values["multipliers"] = 3.0
     crossed = xr.Dataset({name: (dims, np.full((1, 1, 1, 1), x)) for name, x in values.items()}, coords)
-    of_A = {"setup_operations": 100.0, "step_operations": 40.0}
+    A_operations = {"setup_operations": 100.0, "step_operations": 40.0}
     algebra = xr.Dataset(
-        {name: (("algebra", "H"), [[x]]) for name, x in of_A.items()}, {"algebra": ["A"], "H": [0.5]}
+        {name: (("algebra", "H"), [[x]]) for name, x in A_operations.items()}, {"algebra": ["A"], "H": [0.5]}
     )
     assert trade.work_of_A_over_S(algebra, crossed, "uzawa", 2.0).item() == 0.5
 

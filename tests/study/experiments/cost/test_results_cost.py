@@ -7,7 +7,7 @@ the rates of the best approximation bound the price of half an error.
 import numpy as np
 import pytest
 from conftest import config
-from conftest import stored as table_of
+from conftest import read_stored_table as table_of
 
 from study.experiments.cost import numbers as cost_numbers
 from study.experiments.cost import trade
@@ -20,23 +20,23 @@ COST = config("study")["cost"]
 AXES = list(COST["axes"])
 COARSEST = 1 / 16
 RATES = {"h1": 1.0, "hm12": 1.5, "l2": 1.0}
-SLACK = {norm: of["tolerance"] for norm, of in config("rates")["rates"]["norms"].items()}
+SLACK = {norm: settings["tolerance"] for norm, settings in config("rates")["rates"]["norms"].items()}
 """What a rate may lack."""
 ROUNDING = 1e-12
 
 
-def stored(name):
+def read_cost_table(name):
     return table_of(f"cost/{name}")
 
 
 @pytest.mark.parametrize(("name", "axis"), [*zip(AXES, plan_axes(COST), strict=True)])
 def test_every_variant_ran_on_every_mesh_that_has_its_cells(name, axis):
     """H = H/h times h; cells of 16 edges need a mesh of a size H/16."""
-    ran = np.isfinite(stored(name)["h"]).values.ravel()
+    ran = np.isfinite(read_cost_table(name)["h"]).values.ravel()
     has = [
         any(np.isclose(variant.H_over_h * parse_real(h, ""), H) for h in COST["h"][variant.scene])
         for variant in axis.variants
-        for H in stored(name)["H"].values
+        for H in read_cost_table(name)["H"].values
     ]
     np.testing.assert_array_equal(ran, has)
     assert all(has[: len(COST["H"])])  # the base
@@ -48,7 +48,7 @@ NOT_ROUNDING = slice(None, 1e-8)
 
 def test_every_level_is_reached_but_in_single_precision():
     """Its unit round-off is 6e-8, amplified by the condition of S."""
-    steps = stored("precision")["steps"]
+    steps = read_cost_table("precision")["steps"]
     assert np.isfinite(steps.sel(precision="float64")).all()
     assert np.isfinite(steps.sel(precision="refined", stop=NOT_ROUNDING)).all()
     assert np.isnan(steps.sel(precision="float32", stop=1e-10)).all()
@@ -58,13 +58,13 @@ def test_every_level_is_reached_but_in_single_precision():
 @pytest.mark.parametrize("axis", AXES)
 def test_no_level_is_claimed_above_its_tolerance_and_a_lower_one_takes_no_fewer_steps(axis):
     """Checks of the bound, which are counted besides, may be fewer."""
-    table = stored(axis)
+    table = read_cost_table(axis)
     met = np.isfinite(table["steps"])
     assert np.array_equal(met, np.isfinite(table["algebraic_bound"]))
     share = (table["algebraic_bound"] / table["h1_discrete"] / table["stop"]).where(met)
     assert float(share.max()) <= 1 + 1e-12
-    more = table["steps"].diff("stop")
-    assert (more.where(np.isfinite(more), 0) >= 0).all()
+    extra = table["steps"].diff("stop")
+    assert (extra.where(np.isfinite(extra), 0) >= 0).all()
     assert ((table["operator_applications"] - table["steps"] - 1).where(met, 1) >= 1).all()
 
 
@@ -83,19 +83,19 @@ def triangle(table):
 @pytest.mark.parametrize("name", ["h1_error", "l2_error"])
 def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(axis, name):
     """Control: those of level 1 in the place of 1e-8."""
-    assert triangle(stored(axis))
-    table = stored(axis).copy(deep=True)
+    assert triangle(read_cost_table(axis))
+    table = read_cost_table(axis).copy(deep=True)
     table[name].loc[{"stop": 1e-8}] = table[name].sel(stop=1.0).values
     assert not triangle(table)
 
 
 def test_refinement_takes_the_steps_of_double_precision_and_another_algebra_the_same():
-    stored_steps = stored("precision")["steps"].sel(stop=NOT_ROUNDING)
+    stored_steps = read_cost_table("precision")["steps"].sel(stop=NOT_ROUNDING)
     double = stored_steps.sel(precision="float64")
     refined = stored_steps.sel(precision="refined")
     assert double.sizes["stop"] >= 9
     assert (abs(double - refined) <= 1 + 1e-3 * double).all()
-    steps = stored("algebra")["steps"]
+    steps = read_cost_table("algebra")["steps"]
     met = np.isfinite(steps.sel(algebra="A_3"))
     assert met.sum() >= 10
     assert (steps.sel(algebra="A_3") == steps.sel(algebra="S")).where(met, True).all()
@@ -107,22 +107,24 @@ def test_half_an_error_costs_no_more_than_theory_says(norm):
 
     Control: with the two finest errors as large as those before it would cost more.
     """
-    most = 2 ** (3 / (RATES[norm] - SLACK[norm]))
-    for found in cost_numbers.prices_by_norm(cost_numbers.split_by_case(stored("case")), 2, COARSEST)[
-        norm
-    ].values():
-        assert 1 < found.halving <= most
-        assert found.over_setup > 1
-    at = stored("case").sel(case="thirds", H_over_h=2, stop=0.1, H=stored("case")["H"] <= COARSEST)
-    error = trade.relative_errors(at, norm).values.copy()
+    maximum = 2 ** (3 / (RATES[norm] - SLACK[norm]))
+    for prices in cost_numbers.prices_by_norm(
+        cost_numbers.split_by_case(read_cost_table("case")), 2, COARSEST
+    )[norm].values():
+        assert 1 < prices.halving <= maximum
+        assert prices.over_setup > 1
+    row = read_cost_table("case").sel(
+        case="thirds", H_over_h=2, stop=0.1, H=read_cost_table("case")["H"] <= COARSEST
+    )
+    error = trade.relative_errors(row, norm).values.copy()
     error[2:] = error[:2]
-    assert trade.halving_factor(at["operations"].values, error) > most
+    assert trade.halving_factor(row["operations"].values, error) > maximum
 
 
 @pytest.mark.parametrize("norm", ERROR_NORMS)
 def test_the_front_beats_every_run(norm):
-    crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
-    front = work_precision.tabulate_front(stored("algorithm"), norm)
+    crossed = read_cost_table("algorithm").sel(stop=read_cost_table("algorithm")["stop"] < 1)
+    front = work_precision.tabulate_front(read_cost_table("algorithm"), norm)
     work = crossed["operations"].values.ravel()
     error = trade.relative_errors(crossed, norm).values.ravel()
     for w, e in zip(work[np.isfinite(work)], error[np.isfinite(work)], strict=True):
@@ -133,19 +135,23 @@ def test_the_front_beats_every_run(norm):
 
 def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u():
     """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
-    lost = cost_numbers.loss_spans(stored("case"), COARSEST)
-    for by_ratio in (spans for by_work in lost.values() for spans in by_work.values()):
-        assert min(least for least, _ in by_ratio.values()) == 1
+    missing = cost_numbers.loss_spans(read_cost_table("case"), COARSEST)
+    for by_ratio in (spans for by_work in missing.values() for spans in by_work.values()):
+        assert min(minimum for minimum, _ in by_ratio.values()) == 1
     for counted in cost_numbers.WORK_TITLES:
-        assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
+        assert missing["hm12"][counted][8.0][0] > missing["h1"][counted][8.0][1]
 
 
 def test_cheapest_is_met_and_nothing_cheaper_is():
-    crossed = stored("algorithm").sel(algorithm="uzawa", stop=stored("algorithm")["stop"] < 1)
+    crossed = read_cost_table("algorithm").sel(
+        algorithm="uzawa", stop=read_cost_table("algorithm")["stop"] < 1
+    )
     for norm in ERROR_NORMS:
-        found = trade.cheapest_run(stored("algorithm"), norm, 0.1)
-        assert found is not None
-        assert found["error"] <= 0.1
-        good = (trade.relative_errors(crossed, norm) <= 0.1) & (crossed["operations"] < found["operations"])
+        cheapest_run = trade.cheapest_run(read_cost_table("algorithm"), norm, 0.1)
+        assert cheapest_run is not None
+        assert cheapest_run["error"] <= 0.1
+        good = (trade.relative_errors(crossed, norm) <= 0.1) & (
+            crossed["operations"] < cheapest_run["operations"]
+        )
         assert not good.any()
-    assert trade.cheapest_run(stored("algorithm"), "h1", 1e-9) is None
+    assert trade.cheapest_run(read_cost_table("algorithm"), "h1", 1e-9) is None

@@ -22,26 +22,30 @@ def levels(**errors):
     """Errors at H = 2h on three levels; at H = h they grow."""
     h = 0.5 ** np.arange(3)
     H = np.array([2, 1, 0.5, 0.25])
-    of = {name: np.full((2, 3, 4), NAN) for name in errors}
+    fields = {name: np.full((2, 3, 4), NAN) for name in errors}
     for name, values in errors.items():
-        of[name][:, np.arange(3), np.arange(3)] = values
-        of[name][:, np.arange(3), np.arange(1, 4)] = [1, 10, 100]
-    return table(**of, h_over_H=h[:, None] / H, case=["rough", "thirds"])
+        fields[name][:, np.arange(3), np.arange(3)] = values
+        fields[name][:, np.arange(3), np.arange(1, 4)] = [1, 10, 100]
+    return table(**fields, h_over_H=h[:, None] / H, case=["rough", "thirds"])
 
 
-def forms_of(lower, upper, **others):
+def forms_of(lower, upper, **options):
     """What a table of the dual norm on the unit square has, one case, by diagonals of its forms."""
     cells = len(lower) - 1
-    of = {"points": np.arange(cells + 1) * 4 / cells, "polygon": "square", "oscillation": [0.0]}
-    of |= {"lambda_means": np.zeros((1, cells)), "norm_lower": np.diag(lower), "norm_upper": np.diag(upper)}
-    return of | others
+    fields = {"points": np.arange(cells + 1) * 4 / cells, "polygon": "square", "oscillation": [0.0]}
+    fields |= {
+        "lambda_means": np.zeros((1, cells)),
+        "norm_lower": np.diag(lower),
+        "norm_upper": np.diag(upper),
+    }
+    return fields | options
 
 
-def forms_of_L2(n, H, **others):
+def forms_of_L2(n, H, **options):
     """||.||_0 in the place of the dual norm, n cells a side, lambda = 4 s mod 1."""
     size = np.append(np.full(4 * n, 1 / n), 4 * 16 / n**2 / 12)
     means = [np.tile(4 * (np.arange(n) + 0.5) / n % 1, 4)]
-    return table(**forms_of(0.5 * size, 1.5 * size, lambda_means=means) | others, case=["c"], H=H)
+    return table(**forms_of(0.5 * size, 1.5 * size, lambda_means=means) | options, case=["c"], H=H)
 
 
 def abstract(E, L, c):
@@ -49,21 +53,21 @@ def abstract(E, L, c):
 
     A finer mesh with the error 9, whose L is not known, is not judged.
     """
-    of = {"h1_error": [[[E], [9.0]]], "hm12_error_upper": [[[L], [NAN]]], "ritz_error": [[0.2, 0.2]]}
+    fields = {"h1_error": [[[E], [9.0]]], "hm12_error_upper": [[[L], [NAN]]], "ritz_error": [[0.2, 0.2]]}
     forms = forms_of(5 * [0.0], 5 * [0.0], oscillation=[0.1], consistency=[[c]])
-    return table(**forms, **of, case=["thirds"], H=[1.0])
+    return table(**forms, **fields, case=["thirds"], H=[1.0])
 
 
 def runs(**changed):
     """Two runs of equal numbers, H = 1/4 and 1/16, but for those of the second that are `changed`."""
-    of = {"h1_error": 0.125, "l2_error": 1.25, "hm12_best": 0.125, "hm12_error_upper": 0.625}
-    of |= {"projection_error": 0.25, "ritz_error": 0.25, "u_norm": 1.0, "consistency": 0.046875}
-    of |= {"discrete_error": 0.1, "hm12_error_lower": 0.5}
-    of |= {"beta_0": 0.5, "beta_lower": 0.75, "beta_upper": 1.0}
-    for name, value in of.items():
-        both = np.array([value, changed.get(name, value)] if "partition" in DIM[name] else [value])
-        of[name] = both.reshape((1,) * (len(DIM[name]) - 1) + both.shape)
-    return table(**of, case=["c"], H=[1 / 4, 1 / 16])
+    fields = {"h1_error": 0.125, "l2_error": 1.25, "hm12_best": 0.125, "hm12_error_upper": 0.625}
+    fields |= {"projection_error": 0.25, "ritz_error": 0.25, "u_norm": 1.0, "consistency": 0.046875}
+    fields |= {"discrete_error": 0.1, "hm12_error_lower": 0.5}
+    fields |= {"beta_0": 0.5, "beta_lower": 0.75, "beta_upper": 1.0}
+    for name, value in fields.items():
+        values = np.array([value, changed.get(name, value)] if "partition" in DIM[name] else [value])
+        fields[name] = values.reshape((1,) * (len(DIM[name]) - 1) + values.shape)
+    return table(**fields, case=["c"], H=[1 / 4, 1 / 16])
 
 
 EXACT = {"l2_error": 1e-13, "projection_error": 0.0, "h1_error": 0.0, "hm12_best": 1e-14}
@@ -74,13 +78,15 @@ def one_cell_a_side(lambda_means=(0, 0, 0, 0), gap_means=(0, 0, 0, 0), **runs):
 
     The numbers of the runs are those of two meshes. beta is 1 on the first one and 0 on the other.
     """
-    of = forms_of([1, 1, 1, 1, 0.25], [4, 4, 4, 4, 0.25], lambda_means=[lambda_means], gap_means=[gap_means])
-    of |= {name: [[[each] for each in values]] for name, values in runs.items()}
-    of |= {"beta_upper": [[1.0], [0.0]], "projection_error": [[0.25]]}
-    return table(**of, ritz_error=[[1.0, 1.0]], u_norm=[[1.0, 1.0]], case=["c"], H=[1.0])
+    forms = forms_of(
+        [1, 1, 1, 1, 0.25], [4, 4, 4, 4, 0.25], lambda_means=[lambda_means], gap_means=[gap_means]
+    )
+    forms |= {name: [[[value] for value in values]] for name, values in runs.items()}
+    forms |= {"beta_upper": [[1.0], [0.0]], "projection_error": [[0.25]]}
+    return table(**forms, ritz_error=[[1.0, 1.0]], u_norm=[[1.0, 1.0]], case=["c"], H=[1.0])
 
 
-def in_L2(*l2):
+def make_L2_estimate(*l2):
     """With C = 1/4^(1/2), from the larger form, and H = 1: 0.75 = 0.25 + C (0.5 + 0.25^(1/2))."""
     return one_cell_a_side(l2_error=l2, hm12_error_lower=[0.5, 0.5])
 
@@ -91,8 +97,8 @@ def quasi_optimal(lambda_means, gap_means, square):
 
 
 def projection(coarsest):
-    given = {"scenes": ["a"], "expected": {"c": 0.75, "e": 9}, "tolerance": 0.1}
-    return partial(estimates.projection, coarsest=coarsest, **given)
+    parameters = {"scenes": ["a"], "expected": {"c": 0.75, "e": 9}, "tolerance": 0.1}
+    return partial(estimates.projection, coarsest=coarsest, **parameters)
 
 
 def norm_of_1(lower, upper):
@@ -103,8 +109,8 @@ def norm_of_1(lower, upper):
 
 def gap(lower, upper):
     """Beside the bounds 1 and 1.03125."""
-    both = {"hm12_error_lower": [[[1.0, lower]]], "hm12_error_upper": [[[1.03125, upper]]]}
-    return table(**both, u_norm=[[1.0]])
+    pair = {"hm12_error_lower": [[[1.0, lower]]], "hm12_error_upper": [[[1.03125, upper]]]}
+    return table(**pair, u_norm=[[1.0]])
 
 
 def lemma_1(**changed):
@@ -112,10 +118,10 @@ def lemma_1(**changed):
 
     With k = 0.25/0.5 and c = 1/2 it is at 2. beta counts from above.
     """
-    of = {"discrete_error": 2.5, "ritz_means": 9.0, "beta_lower": 0.4, "beta_upper": 0.5, "beta_0": 0.5}
-    of |= {"ritz_error": 0.5, "u_norm": 1.0, "consistency": 0.25} | changed
-    given = {name: np.full((1,) * len(DIM[name]), value) for name, value in of.items()}
-    return table(**forms_of([0, 0, 0, 0, 1.0], 5 * [9.0], **given), case=["c"], H=[1.0])
+    fields = {"discrete_error": 2.5, "ritz_means": 9.0, "beta_lower": 0.4, "beta_upper": 0.5, "beta_0": 0.5}
+    fields |= {"ritz_error": 0.5, "u_norm": 1.0, "consistency": 0.25} | changed
+    values = {name: np.full((1,) * len(DIM[name]), value) for name, value in fields.items()}
+    return table(**forms_of([0, 0, 0, 0, 1.0], 5 * [9.0], **values), case=["c"], H=[1.0])
 
 
 INDICES = dict.fromkeys(claims.find_claim("F.total").parameters["value"], ("mesh", [2.0, NAN]))
@@ -156,9 +162,9 @@ ROWS = [
     ("4.7b", runs(l2_error=9.0, beta_0=0.0), 1.0),
     ("4.7b", runs(**EXACT), 1.0),
     # Nor is there where the error is not known.
-    ("4.7", in_L2(0.75, NAN), 1.0),
-    ("4.7", in_L2(0.75, 1.5), 2.0),
-    ("4.7", in_L2(0.75, 1e-13), 1.0),
+    ("4.7", make_L2_estimate(0.75, NAN), 1.0),
+    ("4.7", make_L2_estimate(0.75, 1.5), 2.0),
+    ("4.7", make_L2_estimate(0.75, 1e-13), 1.0),
     # c = 1 + 3/1 before 1 + 1/4 + inf (2 - mu)^2 + mu w: mu is 3/2 for w = 1, and 0, not -2, for w = 8. So
     # that is 2 + 1 and 4.25 + 1; with complementary means mu = Pi_H lambda leaves 1/4 + 1. Infima of both
     # terms apart would be 0 in each case.
@@ -208,15 +214,15 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)
 
 
 def test_forms_are_known_on_the_partitions_that_they_refine():
-    known = evidence.dual_norm_forms(forms_of_L2(4, [1, 1 / 4, 1 / 8]), "a")
-    assert [cells.n_cells for cells, _ in known] == [4, 16]
-    assert {cells.polygon.name for cells, _ in known} == {square().name}
+    known_norm_forms = evidence.dual_norm_forms(forms_of_L2(4, [1, 1 / 4, 1 / 8]), "a")
+    assert [cells.n_cells for cells, _ in known_norm_forms] == [4, 16]
+    assert {cells.polygon.name for cells, _ in known_norm_forms} == {square().name}
     lshape = forms_of_L2(4, [1], points=np.arange(17) / 2, polygon="lshape")
     assert [cells.polygon.name for cells, _ in evidence.dual_norm_forms(lshape, "a")] == [
         find_polygon("lshape").name
@@ -230,8 +236,8 @@ def test_the_infimum_over_multipliers_is_a_quadratic_programme():
     form = half.T @ half
     w = rng.random(16)
     means = rng.random((1, 16))
-    of = forms_of(17 * [1.0], 17 * [1.0], lambda_means=means, gap_means=[w], norm_lower=form)
-    dual = table(**of)["dual_norm"]
+    forms = forms_of(17 * [1.0], 17 * [1.0], lambda_means=means, gap_means=[w], norm_lower=form)
+    dual = table(**forms)["dual_norm"]
     gram = Gram.from_table(dual)
     cells = make_uniform_partition(square(), 1 / 4)
     P = 2 * form[:16, :16]
@@ -248,17 +254,17 @@ def test_the_infimum_over_multipliers_is_a_quadratic_programme():
     )
 
 
-def test_the_inverse_estimate_in_a_norm_in_which_it_is_known():
+def test_the_inverse_estimate_has_its_known_constant_in_a_multiple_of_L2():
     """In ||.||_0/2^(1/2), from below, C = (2H)^(1/2): 2^(1/2) for H = 1, times 1/4, and 2^(-1/2), times 1.
 
     H = 1/4 is with h = 1/8 as with 1/16, of which only the first counts; H = 1/2 is on no mesh with H = 2h.
     """
     ratios = [[1 / 2, 1.0, 2.0], [1 / 8, 1 / 4, 1 / 2], [1 / 16, 1 / 8, 1 / 4]]
     beta_0 = [[0.25, 9, 9], [9, 9, 1.0], [9, 9, 9]]
-    made = estimates.inverse_estimate(
+    inverse_estimate = estimates.inverse_estimate(
         forms_of_L2(4, [1, 1 / 2, 1 / 4], h_over_H=ratios, beta_0=beta_0), ["a"], 2
     )
-    assert made.observed == pytest.approx(math.sqrt(0.5))
-    assert [line.strip() for line in made.lines] == [
+    assert inverse_estimate.observed == pytest.approx(math.sqrt(0.5))
+    assert [line.strip() for line in inverse_estimate.lines] == [
         f"a, H = {H:g}: C = {math.sqrt(2 * H):.4g}" for H in (1, 0.25)
     ]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import sentences
-from conftest import CANTOR, certified, config, home, load
+from conftest import CANTOR, config, home, load, load_certificate
 
 from study.experiments.estimates.consistency_figure import Transition, first_transition, leading_term
 from unilateral.errors import InputError
@@ -32,7 +32,10 @@ def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, po
     starts = case.polygon.starts
     lengths = case.polygon.lengths
     ends = [
-        starts[i] + t * lengths[i] for i, *both in certified(name, polygon).contact for t in both if 0 < t < 1
+        starts[i] + t * lengths[i]
+        for i, *pair in load_certificate(name, polygon).contact
+        for t in pair
+        if 0 < t < 1
     ]
     np.testing.assert_allclose(np.sort(case.transitions()), np.unique(ends), rtol=1e-14)
 
@@ -50,11 +53,11 @@ PARTITIONS = {
 @pytest.mark.parametrize("cells", PARTITIONS)
 def test_off_the_transitions_cells_the_term_is_0(name, cells):
     """And on them it is not: 1e-13 lies below the smallest, that of smooth and vertex, like H^7."""
-    found = cell_means(load(name), PARTITIONS[cells])
-    assert abs(found.consistency_elsewhere) <= ZERO
-    assert np.all(np.abs(found.consistency_terms[~found.has_transition]) <= ZERO)
-    inside = found.has_transition.any()
-    assert (found.consistency > 1e-13) == inside, (found.consistency, inside)
+    means = cell_means(load(name), PARTITIONS[cells])
+    assert abs(means.consistency_elsewhere) <= ZERO
+    assert np.all(np.abs(means.consistency_terms[~means.has_transition]) <= ZERO)
+    inside = means.has_transition.any()
+    assert (means.consistency > 1e-13) == inside, (means.consistency, inside)
 
 
 def test_a_term_off_the_declared_transitions_is_seen(case_like):
@@ -64,16 +67,17 @@ def test_a_term_off_the_declared_transitions_is_seen(case_like):
     """
     gap = cases.read_case_declaration("thirds")[0]["gap"]
     gap["sides"][0]["formula"] = "pos(5/12 - t, 3/2) + pos(4/5*(t - 7/12), 3/2)"
-    found = cell_means(case_like("thirds", gap=gap), make_uniform_partition(SQUARE, 1 / 16))
-    assert np.flatnonzero(found.has_transition).tolist() == [6, 9]
-    assert found.consistency_terms[5] > 1e-5
-    assert found.consistency_elsewhere == pytest.approx(found.consistency_terms[5], rel=1e-9)
+    means = cell_means(case_like("thirds", gap=gap), make_uniform_partition(SQUARE, 1 / 16))
+    assert np.flatnonzero(means.has_transition).tolist() == [6, 9]
+    assert means.consistency_terms[5] > 1e-5
+    assert means.consistency_elsewhere == pytest.approx(means.consistency_terms[5], rel=1e-9)
 
 
-def test_cells_with_something_inside():
+def test_cells_with_a_point_inside_are_found_and_not_those_with_one_at_an_end():
+    """By hand: 0.1 and 0.2 are in cell 0, 2.9 in cell 11, 3.99 in cell 15; the others are ends."""
     cells = make_uniform_partition(SQUARE, 1 / 4)
-    found = cells.has_inside(np.array([0.1, 0.2, 0.5, 1.0, 2.9, 3.99, 4.0, 0.0]))
-    assert np.flatnonzero(found).tolist() == [0, 11, 15]
+    inside = cells.has_inside(np.array([0.1, 0.2, 0.5, 1.0, 2.9, 3.99, 4.0, 0.0]))
+    assert np.flatnonzero(inside).tolist() == [0, 11, 15]
     assert not cells.has_inside(np.array([])).any()
 
 
@@ -97,9 +101,11 @@ def test_totals_are_those_predicted_at_the_first_transition(name, m):
 def test_other_exponents_would_be_seen():
     """Control."""
     cells = make_uniform_partition(SQUARE, 1 / 256)
-    found = cell_means(load("thirds"), make_uniform_partition(SQUARE, 1 / 256)).consistency
+    consistency = cell_means(load("thirds"), make_uniform_partition(SQUARE, 1 / 256)).consistency
     for alpha, gamma in ((1.5, 0.5), (0.45, 1.5), (0.5, 1.45)):
-        assert leading_term(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(found, rel=0.05)
+        assert leading_term(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(
+            consistency, rel=0.05
+        )
 
 
 def test_the_prediction_grows_with_the_side():
@@ -112,10 +118,10 @@ def test_the_prediction_grows_with_the_side():
 
 
 @pytest.mark.parametrize(("name", "alpha", "gamma"), [("thirds", 0.5, 1.5), ("singular", -0.25, 1.0)])
-def test_the_first_transition(name, alpha, gamma):
-    found = first_transition(load(name))
-    assert found == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
-    assert found.term_order == pytest.approx(alpha + gamma + 1)
+def test_the_first_transition_is_the_declared_one(name, alpha, gamma):
+    transition = first_transition(load(name))
+    assert transition == pytest.approx(Transition(0, 1 / 3, alpha, gamma), rel=1e-12)
+    assert transition.term_order == pytest.approx(alpha + gamma + 1)
 
 
 def test_a_case_without_a_harmonic_atom_has_no_prediction():

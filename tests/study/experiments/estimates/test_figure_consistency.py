@@ -9,7 +9,7 @@ import xarray as xr
 from conftest import load
 from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
-from pages import drawn, lines, page, said, table
+from pages import draw_page, lines, list_texts, page, table
 
 from study import tables
 from study.experiments.estimates import consistency_figure as consistency
@@ -32,7 +32,7 @@ def test_both_means_stand_on_their_cells():
 
 def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot():
     axes = page("consistency")[0].axes[1]
-    rows = cells().assign(x=lambda of: 0.5 * (of["s"] + of["end"]))
+    rows = cells().assign(x=lambda table: 0.5 * (table["s"] + table["end"]))
     foot = axes.get_ylim()[0]
     some = rows["term"] > 0
     positive, zero = lines(axes, markers=True)
@@ -50,7 +50,9 @@ def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta():
     axes = figure.axes[2]
     for kind, markers in (("total", True), ("predicted", False)):
         groups = rows[rows["kind"] == kind].sort_values("H").groupby(["case", "theta"])
-        expected = [list(zip(part["H"], part["over_H2"].round(9), strict=True)) for _, part in groups]
+        expected = [
+            list(zip(component["H"], component["over_H2"].round(9), strict=True)) for _, component in groups
+        ]
         assert sorted(lines(axes, markers)) == sorted(expected)
     theta = rows.dropna(subset="theta").groupby("H")["theta"].first()
     for line in (line for line in axes.lines if line.get_marker() not in ("None", "")):
@@ -67,13 +69,13 @@ def test_what_other_cells_add_is_said(elsewhere, text):
     changed = table("consistency")
     changed.loc[changed.index[changed["kind"] == "elsewhere"], "term"] = 0.0
     changed.loc[changed.index[changed["kind"] == "elsewhere"][2], "term"] = elsewhere
-    assert any(text in each for each in said(drawn("consistency", changed)[0]))
+    assert any(text in item for item in list_texts(draw_page("consistency", changed)[0]))
 
 
-def test_the_table(tmp_path):
+def test_the_table_has_cells_totals_the_remainder_and_predictions(tmp_path):
     """Totals and parts of no law."""
-    of_run = ("case", "partition")
-    terms = {"consistency": (of_run, [[0.5, 0.25]]), "consistency_elsewhere": (of_run, [[0.125, 0.0625]])}
+    run = ("case", "partition")
+    terms = {"consistency": (run, [[0.5, 0.25]]), "consistency_elsewhere": (run, [[0.125, 0.0625]])}
     made_up = xr.Dataset(terms, coords={"case": ["thirds"], "H": ("partition", [1 / 4, 1 / 8])})
     tables.save_table(made_up, tmp_path / "errors.nc", "scene")
     scene = {"polygon": "square", "side": 0, "cases": ["natural", "thirds"]}
@@ -81,12 +83,12 @@ def test_the_table(tmp_path):
     case = load("thirds")
     kinds = {kind: rows for kind, rows in frame.groupby("kind")}
     assert set(kinds) == {"cell", "total", "elsewhere", "predicted"}
-    found = cell_means(case, make_uniform_partition(find_polygon("square"), 1 / 16))
-    of_cells = kinds["cell"]
-    assert len(of_cells) == 16
-    np.testing.assert_array_equal(of_cells["term"], found.consistency_terms[:16])
-    np.testing.assert_allclose(of_cells["lambda_mean"] * of_cells["gap_mean"] / 16, of_cells["term"])
-    np.testing.assert_array_equal(of_cells["end"][:-1], of_cells["s"][1:])
+    computed = cell_means(case, make_uniform_partition(find_polygon("square"), 1 / 16))
+    cells = kinds["cell"]
+    assert len(cells) == 16
+    np.testing.assert_array_equal(cells["term"], computed.consistency_terms[:16])
+    np.testing.assert_allclose(cells["lambda_mean"] * cells["gap_mean"] / 16, cells["term"])
+    np.testing.assert_array_equal(cells["end"][:-1], cells["s"][1:])
     assert kinds["total"]["term"].tolist() == [0.5, 0.25]
     assert kinds["total"]["over_H2"].tolist() == [8.0, 16.0]
     assert kinds["elsewhere"]["term"].tolist() == [0.125, 0.0625]

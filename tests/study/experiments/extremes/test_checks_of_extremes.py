@@ -31,7 +31,7 @@ def power(exponent):
 
 def axes(**changed):
     """A table of two axes, the first upwards with a limit, the second downwards without."""
-    of = {
+    fields = {
         "axis_of": ["up", "up", "down", "down"],
         "value": [1.0, 2.0, 1.0, 0.5],
         "outcome": [OUTCOME_RIGHT, OUTCOME_NOT_CONVERGED, OUTCOME_RIGHT, OUTCOME_REFUSED],
@@ -44,13 +44,13 @@ def axes(**changed):
         "predicted_tool_limit": [NAN, NAN],
         "measured_tool_limit": [NAN, NAN],
     }
-    return table(**of | changed, axis=["up", "down"])
+    return table(**fields | changed, axis=["up", "down"])
 
 
-def by_another(error, bound):
+def make_other_solver(error, bound):
     """Of the last point, that one solver refuses, numbers by another one."""
-    made = {"true_error": [0.5, 0.5, 1.05, error], "guaranteed": [1.0, 1.0, 1.0, bound]}
-    return axes(**made, allowance=4 * [0.1])
+    variables = {"true_error": [0.5, 0.5, 1.05, error], "guaranteed": [1.0, 1.0, 1.0, bound]}
+    return axes(**variables, allowance=4 * [0.1])
 
 
 def step_limit(distance):
@@ -69,27 +69,31 @@ STEPS = table(measured_limit=[1.5, 1.0], axis=["step_partial", "b"])
 FLOOR = partial(extremes.rounding_floor, table="t", axis="a", factor=5.0)
 
 
-def over_c(**changed):
+def make_reaction_rows(**changed):
     """Errors and bounds of one case on one mesh, for c/k = 0, 1e-6 and 1."""
-    of = {"energy_error": [2.0, 2.01, 8.0], "cheap_bound": [3.0, 3.0, 40.0], "sharp_bound": [2.2, 2.2, 8.0]}
-    values = {name: (("case", "mesh", "c_over_k"), [[each]]) for name, each in (of | changed).items()}
+    fields = {
+        "energy_error": [2.0, 2.01, 8.0],
+        "cheap_bound": [3.0, 3.0, 40.0],
+        "sharp_bound": [2.2, 2.2, 8.0],
+    }
+    values = {name: (("case", "mesh", "c_over_k"), [[value]]) for name, value in (fields | changed).items()}
     return table(case=["a"], h=[0.125], c_over_k=[0.0, 1e-6, 1.0], **values)
 
 
 ROWS = [
     # The cheap bound over the error is told, unless the sharp bound or one below the error is at fault.
-    ("X.robust", over_c(), (5.0, True)),
-    ("X.robust", over_c(cheap_bound=[3.0, 3.0, 81.0]), (81 / 8, False)),
-    ("X.robust", over_c(sharp_bound=[2.2, 2.2, 41.0]), (41 / 8, False)),
-    ("X.robust", over_c(sharp_bound=[2.2, 2.2, 7.9]), (7.9 / 8, False)),
-    ("X.robust", over_c(cheap_bound=[1.9, 3.0, 40.0]), (0.95, False)),
-    ("X.robust", over_c(energy_error=[2.0, NAN, 8.0]), (INF, False)),
-    ("X.robust", over_c(sharp_bound=[2.2, NAN, 8.0]), (INF, False)),
+    ("X.robust", make_reaction_rows(), (5.0, True)),
+    ("X.robust", make_reaction_rows(cheap_bound=[3.0, 3.0, 81.0]), (81 / 8, False)),
+    ("X.robust", make_reaction_rows(sharp_bound=[2.2, 2.2, 41.0]), (41 / 8, False)),
+    ("X.robust", make_reaction_rows(sharp_bound=[2.2, 2.2, 7.9]), (7.9 / 8, False)),
+    ("X.robust", make_reaction_rows(cheap_bound=[1.9, 3.0, 40.0]), (0.95, False)),
+    ("X.robust", make_reaction_rows(energy_error=[2.0, NAN, 8.0]), (INF, False)),
+    ("X.robust", make_reaction_rows(sharp_bound=[2.2, NAN, 8.0]), (INF, False)),
     # c/k = 1 is not compared with 0, and what is not known differs.
-    ("X.tiny", over_c(), (0.005, True)),
-    ("X.tiny", over_c(energy_error=[2.0, 2.03, 8.0]), (0.015, False)),
-    ("X.tiny", over_c(sharp_bound=[2.2, 2.3, 8.0]), (2.3 / 2.2 * 2 / 2.01 - 1, False)),
-    ("X.tiny", over_c(cheap_bound=[3.0, NAN, 40.0]), (INF, False)),
+    ("X.tiny", make_reaction_rows(), (0.005, True)),
+    ("X.tiny", make_reaction_rows(energy_error=[2.0, 2.03, 8.0]), (0.015, False)),
+    ("X.tiny", make_reaction_rows(sharp_bound=[2.2, 2.3, 8.0]), (2.3 / 2.2 * 2 / 2.01 - 1, False)),
+    ("X.tiny", make_reaction_rows(cheap_bound=[3.0, NAN, 40.0]), (INF, False)),
     *[(power(exponent), SLOPE, distance) for exponent, distance in ((-2, 0), (-1, 1), (-3, 1))],
     (power(-2), points(value=[0.2, 0.1], measured=[1, NAN]), "fewer than two numbers are known on the"),
     # The first step that fails is the measured one.
@@ -101,10 +105,10 @@ ROWS = [
     ("X.wrong", axes(outcome=[OUTCOME_WRONG, OUTCOME_RIGHT, OUTCOME_RIGHT, OUTCOME_REFUSED]), 1),
     ("X.wrong", axes(guaranteed=[1.0, INF, 1.0, NAN]), 1),
     ("X.wrong", axes(allowance=[0.1, INF, 0.1, NAN]), 1),
-    ("X.wrong", by_another(0.5, 1.0), 0),
-    ("X.wrong", by_another(2.0, 1.0), 1),
-    ("X.wrong", by_another(NAN, 1.0), 1),
-    ("X.wrong", by_another(0.5, INF), 1),
+    ("X.wrong", make_other_solver(0.5, 1.0), 0),
+    ("X.wrong", make_other_solver(2.0, 1.0), 1),
+    ("X.wrong", make_other_solver(NAN, 1.0), 1),
+    ("X.wrong", make_other_solver(0.5, INF), 1),
     # A limit that is met early counts, and one where all was promised; where nothing was none is early.
     ("X.limits", axes(), 0),
     ("X.limits", axes(predicted_limit=[2.001, NAN]), 1),
@@ -124,11 +128,11 @@ ROWS = [
     ),
     # Floors are within a factor, and outgrow their predictions.
     (FLOOR, floors(2.0, 16.0), 0),
-    *[(FLOOR, floors(*both), 1) for both in ((2.0, 26.0), (0.19, 5.0), (2.0, 8.0))],
-    *[(FLOOR, floors(*both), 1) for both in ((3.0, 3.0), (2.0, NAN))],
+    *[(FLOOR, floors(*pair), 1) for pair in ((2.0, 26.0), (0.19, 5.0), (2.0, 8.0))],
+    *[(FLOOR, floors(*pair), 1) for pair in ((3.0, 3.0), (2.0, NAN))],
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)

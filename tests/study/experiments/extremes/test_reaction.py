@@ -126,7 +126,7 @@ def survey(h, *ratios):
     return survey_reaction({"h": [h], "c_over_k": ratios})
 
 
-def judged(claim, table):
+def judge_claim(claim, table):
     """What a claim of the ledger observes of that table."""
     return claims.find_claim(claim).measure({"extremes/reaction": table})
 
@@ -141,7 +141,7 @@ def test_a_survey_has_all_points_and_c_0_before_them():
     point = table.sel(case="time step", c_over_k=1).isel(mesh=1)
     expected = measure(REACTION_CASES["time step"], 1 / 8, 1.0)
     assert {name: point[name].item() for name in expected} == expected
-    assert judged("X.robust", table).holds
+    assert judge_claim("X.robust", table).holds
 
 
 def test_what_is_refused_is_no_number_with_its_reason_and_fails_the_claims():
@@ -150,31 +150,33 @@ def test_what_is_refused_is_no_number_with_its_reason_and_fails_the_claims():
     refused = table.isel(mesh=0, c_over_k=-1)
     for name in ("energy_error", "cheap_bound", "sharp_bound"):
         assert np.isnan(refused[name]).all()
-    assert all("field c" in said for said in refused["message"].values)
-    assert judged("X.robust", table).observed == math.inf
+    assert all("field c" in message for message in refused["message"].values)
+    assert judge_claim("X.robust", table).observed == math.inf
     with pytest.raises(ZeroDivisionError):
         measure(StepCase(w=np.zeros_like, s=lambda c: 1 / c), 1 / 4, 0.0)
 
 
-def without_integration_by_parts(monkeypatch):
+def forbid_integration_by_parts(monkeypatch):
     squares = ResidualParts._squares_of_block
 
-    def without(parts, block):
-        return squares(parts._replace(s_prime=np.full_like(parts.mean, math.inf)), block)
+    def drop_s_prime(components, block):
+        return squares(components._replace(s_prime=np.full_like(components.mean, math.inf)), block)
 
-    monkeypatch.setattr(ResidualParts, "_squares_of_block", without)
+    monkeypatch.setattr(ResidualParts, "_squares_of_block", drop_s_prime)
 
 
-def with_the_equilibrated_flux(monkeypatch):
+def force_equilibrated_flux(monkeypatch):
     monkeypatch.setattr(equilibrated_flux, "PATCH_REACTION_RATIO", math.inf)
 
 
-def divided_by_c_alone(monkeypatch):
+def divide_by_c_only(monkeypatch):
     """The residual counts by c^(-1/2) ||z||_0 only, and never by Poincare's or Friedrichs' inequality."""
 
-    def norms(parts):
-        inside = np.hypot(parts.mean, parts.oscillation) + parts.remainder
-        norm = math.sqrt(np.sum(parts.misfit**2 / parts.form.k + inside**2 / max(parts.form.c, 1e-300)))
+    def norms(components):
+        inside = np.hypot(components.mean, components.oscillation) + components.remainder
+        norm = math.sqrt(
+            np.sum(components.misfit**2 / components.form.k + inside**2 / max(components.form.c, 1e-300))
+        )
         return norm, norm
 
     monkeypatch.setattr(ResidualParts, "dual_norms", norms)
@@ -184,29 +186,29 @@ OTHERS = [name for name in REACTION_CASES if name != "time step"]
 
 
 @pytest.mark.parametrize(
-    ("spoil", "c", "seen"),
+    ("spoil", "c", "calls"),
     [
-        (without_integration_by_parts, 1e10, ["time step"]),
-        (with_the_equilibrated_flux, 1e10, OTHERS),
-        (divided_by_c_alone, 1e-30, list(REACTION_CASES)),
+        (forbid_integration_by_parts, 1e10, ["time step"]),
+        (force_equilibrated_flux, 1e10, OTHERS),
+        (divide_by_c_only, 1e-30, list(REACTION_CASES)),
     ],
 )
-def test_bounds_that_are_not_robust_are_seen(monkeypatch, spoil, c, seen):
+def test_bounds_that_are_not_robust_are_seen(monkeypatch, spoil, c, calls):
     """Controls: in these cases they are above ten times the error, in the other ones below it.
 
     They are bounds still. As they are both claims hold.
     """
-    assert judged("X.robust", survey("1/8", c)).holds
+    assert judge_claim("X.robust", survey("1/8", c)).holds
     spoil(monkeypatch)
     table = survey("1/8", c)
     index = (table["cheap_bound"] / table["energy_error"]).isel(mesh=0, c_over_k=-1)
-    assert table["case"].values[index > 10].tolist() == seen
+    assert table["case"].values[index > 10].tolist() == calls
     assert (index >= 1).all()
-    assert not judged("X.robust", table).holds
+    assert not judge_claim("X.robust", table).holds
 
 
 def test_a_bound_that_is_divided_by_c_alone_is_not_like_that_of_c_0(monkeypatch):
     """Control: as it is, the claim holds."""
-    assert judged("X.tiny", survey("1/8", 1e-30, 1e-6)).holds
-    divided_by_c_alone(monkeypatch)
-    assert not judged("X.tiny", survey("1/8", 1e-30, 1e-6)).holds
+    assert judge_claim("X.tiny", survey("1/8", 1e-30, 1e-6)).holds
+    divide_by_c_only(monkeypatch)
+    assert not judge_claim("X.tiny", survey("1/8", 1e-30, 1e-6)).holds

@@ -38,10 +38,10 @@ def spaces():
 
 
 @pytest.fixture(scope="module")
-def measured():
+def graded_tables():
     """Of two levels; the dual norm on the coarser one only."""
-    both = [grade_to_vertex(mesh, 2, 1.0, 0.5) for mesh in (COARSE, meshes.refine_uniformly(COARSE))]
-    return measure.measure_levels(both, CASE, 16, STOP)
+    pair = [grade_to_vertex(mesh, 2, 1.0, 0.5) for mesh in (COARSE, meshes.refine_uniformly(COARSE))]
+    return measure.measure_levels(pair, CASE, 16, STOP)
 
 
 @pytest.mark.parametrize("kappa", [0.5, 0.7])
@@ -52,13 +52,13 @@ def test_nodes_on_the_sides_lie_at_the_powers_and_those_far_away_stay(kappa):
     on_side = np.sort(x[(np.abs(y) < 1e-14) & (x >= 0)])
     assert_allclose(on_side, (np.arange(5) / 4) ** (1 / kappa), rtol=1e-13, atol=1e-15)
     equal = meshes.make_unstructured_mesh(HEXAGON, 1 / 8)
-    moved = grade_to_vertex(equal, 1, 0.4, kappa)
+    shifted = grade_to_vertex(equal, 1, 0.4, kappa)
     distance = np.hypot(*(equal.points - HEXAGON.vertices[1]).T)
-    way = np.hypot(*(moved.points - equal.points).T)
+    way = np.hypot(*(shifted.points - equal.points).T)
     assert_allclose(way[distance >= 0.4], 0, atol=1e-15)
     assert np.all(way[(distance > 0.01) & (distance < 0.39)] > 0.001)
-    assert np.all(moved.areas > 0)
-    assert moved.areas.sum() == pytest.approx(HEXAGON.area, rel=1e-13)
+    assert np.all(shifted.areas > 0)
+    assert shifted.areas.sum() == pytest.approx(HEXAGON.area, rel=1e-13)
 
 
 def test_without_grading_the_mesh_is_the_same():
@@ -74,11 +74,11 @@ def test_sizes_are_like_h_times_the_power_of_the_distance():
     spread = []
     control = []
     for mesh in (COARSE, meshes.refine_uniformly(COARSE, 2), meshes.refine_uniformly(COARSE, 4)):
-        found = grade_to_vertex(mesh, 2, 1.0, kappa)
-        r = np.hypot(*found.points[found.triangles].mean(axis=1).T)
-        share = found.longest_edges / (mesh.h * r ** (1 - kappa))
+        graded = grade_to_vertex(mesh, 2, 1.0, kappa)
+        r = np.hypot(*graded.points[graded.triangles].mean(axis=1).T)
+        share = graded.longest_edges / (mesh.h * r ** (1 - kappa))
         spread.append(share.max() / share.min())
-        control.append(np.ptp(np.log(found.longest_edges)))
+        control.append(np.ptp(np.log(graded.longest_edges)))
     assert max(spread) < 5
     assert np.all(np.diff(control) > 1)
 
@@ -107,11 +107,11 @@ def test_what_cannot_be_graded_so_is_refused():
 
 def test_cells_have_two_edges_and_a_node_well_inside(spaces):
     """The nearest ones to the vertex by hand: the node is at a quarter of the cell, as (1/2)^2."""
-    found = measure.mesh_resolution(spaces)
+    mesh_resolution = measure.mesh_resolution(spaces)
     assert np.array_equal(spaces.partition.points, spaces.mesh.s[::2])
-    assert found["delta"] == pytest.approx(1 / 4, rel=1e-12)
-    assert found["alpha_1"] == pytest.approx(3, rel=1e-12)
-    assert found["unknowns"] == 65
+    assert mesh_resolution["delta"] == pytest.approx(1 / 4, rel=1e-12)
+    assert mesh_resolution["alpha_1"] == pytest.approx(3, rel=1e-12)
+    assert mesh_resolution["unknowns"] == 65
 
 
 def test_in_full_contact_the_problem_is_linear(spaces):
@@ -119,54 +119,56 @@ def test_in_full_contact_the_problem_is_linear(spaces):
 
     Control: the singular part's has both signs, and so is no solution of a contact problem.
     """
-    singular, smooth = (replace(CASE, atoms=(atom,)) for atom in CASE.atoms)
-    parts = [
-        measure.equality_multiplier(discretise_case(spaces, project_case(part, spaces)))
-        for part in (singular, smooth)
+    singular_atom, smooth_atom = CASE.atoms
+    singular = replace(CASE, atoms=(singular_atom,))
+    smooth = replace(CASE, atoms=(smooth_atom,))
+    equality_multipliers = [
+        measure.equality_multiplier(discretise_case(spaces, project_case(component, spaces)))
+        for component in (singular, smooth)
     ]
-    seen = project_case(CASE, spaces)
-    found = discretise_case(spaces, seen).solve(Stop(tolerance=1e-10, algorithm="active_set"))
-    assert found.lambda_H.min() > 0
-    assert_allclose(sum(parts), found.lambda_H, rtol=1e-9, atol=1e-9)
-    assert parts[0].min() < 0 < parts[0].max()
+    case = project_case(CASE, spaces)
+    solution = discretise_case(spaces, case).solve(Stop(tolerance=1e-10, algorithm="active_set"))
+    assert solution.lambda_H.min() > 0
+    assert_allclose(sum(equality_multipliers), solution.lambda_H, rtol=1e-9, atol=1e-9)
+    assert equality_multipliers[0].min() < 0 < equality_multipliers[0].max()
 
 
-def test_the_part_of_the_singular_function_by_the_split(spaces):
+def test_the_error_of_the_singular_part_follows_from_the_split(spaces):
     """D by the square of ||u - u_h||_1 less that of ||u - z_h||_1, for the function alone."""
-    part = replace(CASE, atoms=(measure.singular_atom(CASE),))
-    seen = project_case(part, spaces)
-    mu = measure.equality_multiplier(discretise_case(spaces, seen))
-    h1 = seen.errors(spaces, mu).h1
-    expected = np.sqrt(h1**2 - seen.ritz.ritz_error**2)
-    assert measure.singular_part_error(part, spaces) == pytest.approx(expected, rel=1e-6)
+    case = replace(CASE, atoms=(measure.singular_atom(CASE),))
+    known_case = project_case(case, spaces)
+    mu = measure.equality_multiplier(discretise_case(spaces, known_case))
+    h1 = known_case.errors(spaces, mu).h1
+    expected = np.sqrt(h1**2 - known_case.ritz.ritz_error**2)
+    assert measure.singular_part_error(case, spaces) == pytest.approx(expected, rel=1e-6)
 
 
-def test_t_is_that_of_lemma_1():
+def test_weighted_ritz_means_are_those_of_lemma_1_on_equal_cells():
     """On equal cells H^{-1/2} ||Pi_H(u - z_h)||_0."""
     on_equal = mixed_spaces(condense(COARSE), measure.two_edge_cells(COARSE))
-    seen = project_case(CASE, on_equal)
-    expected = seen.ritz_means_norm(on_equal) * 0.5**-0.5
-    assert measure.weighted_ritz_means(seen, on_equal) == pytest.approx(expected, rel=1e-12)
+    case = project_case(CASE, on_equal)
+    expected = case.ritz_means_norm(on_equal) * 0.5**-0.5
+    assert measure.weighted_ritz_means(case, on_equal) == pytest.approx(expected, rel=1e-12)
 
 
-def test_one_reference_mesh_serves_all_levels_with_few_cells(measured):
+def test_one_reference_mesh_serves_all_levels_with_few_cells(graded_tables):
     """Beyond that the dual norm is not known. Control: the forms of the level's own reference mesh."""
-    assert measured["hm12_error_lower"].isnull().values.tolist() == [False, True]
+    assert graded_tables["hm12_error_lower"].isnull().values.tolist() == [False, True]
     finer = [grade_to_vertex(meshes.refine_uniformly(COARSE, k), 2, 1.0, 0.5) for k in range(2)]
-    both = measure.measure_levels(finer, CASE, 32, STOP)
+    levels = measure.measure_levels(finer, CASE, 32, STOP)
     partition = measure.two_edge_cells(finer[0])
     form = build_dual_norm(partition, [CASE]).gram([CASE])
     assert len(partition.lengths) == 16
     for name in ("hm12_error_lower", "hm12_error_upper", "beta_lower"):
-        assert float(both[name][0]) == pytest.approx(float(measured[name][0]), rel=0.01)
+        assert float(levels[name][0]) == pytest.approx(float(graded_tables[name][0]), rel=0.01)
     assert form.n_cells == 16
-    assert float(both["hm12_error_lower"][0]) <= float(measured["hm12_error_upper"][0])
+    assert float(levels["hm12_error_lower"][0]) <= float(graded_tables["hm12_error_upper"][0])
 
 
-def test_labels_say_which_case_and_singularity(measured):
-    assert measured["case"].item() == "reentrant_full"
-    assert float(measured["exponent"]) == pytest.approx(2 / 3)
-    assert measured["unknowns"].values.tolist() == [65, 225]
+def test_labels_say_which_case_and_singularity(graded_tables):
+    assert graded_tables["case"].item() == "reentrant_full"
+    assert float(graded_tables["exponent"]) == pytest.approx(2 / 3)
+    assert graded_tables["unknowns"].values.tolist() == [65, 225]
 
 
 def test_adapted_meshes_keep_the_limit_and_grade_to_the_vertex():
@@ -182,7 +184,7 @@ def test_adapted_meshes_keep_the_limit_and_grade_to_the_vertex():
     assert rows[0]["discrete_error"] == pytest.approx(expected, rel=1e-4)
 
 
-def test_orders_by_hand():
+def test_orders_are_those_of_made_up_powers():
     """Errors like 4^-level have the order 2; unknowns 1, 2, 4, .. and errors 1/N the order 2 in N^-1/2."""
     error = xr.DataArray([[1, 1 / 4, 1 / 16], [1, 1, np.nan]], dims=("run", "level"))
     assert_allclose(levels.rates_by_halving(error), [[2, 2], [0, np.nan]])
@@ -192,7 +194,7 @@ def test_orders_by_hand():
     assert not len(levels.orders_between_levels(N, 1 / N, 17))
 
 
-def test_the_tables_of_documents():
+def test_documents_show_the_orders_on_the_finest_known_pair():
     """Of two runs with errors like 2^(-p level); on the finest pair that is known."""
     fall = 2.0 ** -np.outer([1, 2], np.arange(3))
     names = ("h1_error", "discrete_error", "singular_error", "hm12_error_lower", "hm12_error_upper")
@@ -206,7 +208,7 @@ def test_the_tables_of_documents():
     assert rows.iloc[1].tolist() == ["`b`", "1.5π", "0.5", "1.33", "1.33", *["2.00"] * 4]
     N = np.array([[10.0, 40, 160, 640]])
     order = ("case", "level")
-    of = {"unknowns": (order, N), "h1_error": (order, N**-0.5)}
-    of |= {"discrete_error": (order, np.array([[1, 1, 1 / 16, 1 / 64]])), "shortest_edge": (order, 1 / N)}
-    (row,) = in_documents.tabulate_adapted_orders(xr.Dataset(of, coords={"case": ["a"]})).values.tolist()
+    fields = {"unknowns": (order, N), "h1_error": (order, N**-0.5)}
+    fields |= {"discrete_error": (order, np.array([[1, 1, 1 / 16, 1 / 64]])), "shortest_edge": (order, 1 / N)}
+    (row,) = in_documents.tabulate_adapted_orders(xr.Dataset(fields, coords={"case": ["a"]})).values.tolist()
     assert row == ["`a`", "640", "1.00 to 1.00", "2.00 to 3.00", "2.00 to 2.00"]

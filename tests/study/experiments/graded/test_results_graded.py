@@ -1,7 +1,7 @@
 """The stored study of graded meshes: what theory says of every run. Nothing is solved here."""
 
 import numpy as np
-from conftest import config, stored
+from conftest import config, read_stored_table
 
 from study.ledger import claims
 from unilateral.formulas.formula import parse_real
@@ -19,9 +19,9 @@ EXPONENTS = {"reentrant_full": 2 / 3, "obtuse_0.9": 10 / 9, "obtuse_0.75": 4 / 3
 
 def test_the_table_is_complete():
     """Every case without grading, and with kappa < 2 pi/(3 omega), from where on 3/2 is the order."""
-    errors = stored("graded/errors")
-    found = list(zip(errors["case"].values.tolist(), errors["kappa"].values.tolist(), strict=True))
-    assert found == GIVEN
+    errors = read_stored_table("graded/errors")
+    computed = list(zip(errors["case"].values.tolist(), errors["kappa"].values.tolist(), strict=True))
+    assert computed == GIVEN
     np.testing.assert_allclose(errors["exponent"], [EXPONENTS[case] for case, _ in GIVEN], rtol=1e-12)
     for case, exponent in EXPONENTS.items():
         kappas = [kappa for name, kappa in GIVEN if name == case]
@@ -33,7 +33,7 @@ def test_the_table_is_complete():
 
 def test_all_is_solved_and_in_full_contact():
     """To a hundredth of D; what quadrature adds to the square of ||u - u_h||_1 does not count."""
-    errors = stored("graded/errors")
+    errors = read_stored_table("graded/errors")
     assert np.all(errors["converged"] == 1)
     assert np.all(errors["algebraic_bound"] <= 0.01 * errors["discrete_error"])
     assert np.all(
@@ -44,27 +44,27 @@ def test_all_is_solved_and_in_full_contact():
 
 def test_meshes_are_shape_regular_and_stable():
     """By hand the node nearest to the vertex is at the part 2^(-1/kappa) of its cell."""
-    errors = stored("graded/errors")
+    errors = read_stored_table("graded/errors")
     assert np.all(errors["least_angle"] > 10)
     first = np.broadcast_to(2 ** (-1 / errors["kappa"].values[:, None]), errors["delta"].shape)
     np.testing.assert_allclose(errors["delta"], first, rtol=1e-9)
-    known = errors["beta_lower"].notnull()
-    assert np.all(known.sum("level") >= 3)
-    assert np.all((errors["beta_lower"] > 0.5).where(known, True))
+    expected = errors["beta_lower"].notnull()
+    assert np.all(expected.sum("level") >= 3)
+    assert np.all((errors["beta_lower"] > 0.5).where(expected, True))
 
 
 def test_the_dual_norm_is_known_to_one_percent_and_not_below_the_discrete_one():
-    errors = stored("graded/errors")
-    known = errors["hm12_error_lower"].notnull()
-    lower = errors["hm12_error_lower"].where(known, 1.0)
-    upper = errors["hm12_error_upper"].where(known, 1.0)
-    least = errors["discrete_error"].where(known, 1.0)
-    assert np.all((least <= lower) & (lower <= upper) & (upper <= 1.01 * lower))
+    errors = read_stored_table("graded/errors")
+    expected = errors["hm12_error_lower"].notnull()
+    lower = errors["hm12_error_lower"].where(expected, 1.0)
+    upper = errors["hm12_error_upper"].where(expected, 1.0)
+    minimum = errors["discrete_error"].where(expected, 1.0)
+    assert np.all((minimum <= lower) & (lower <= upper) & (upper <= 1.01 * lower))
 
 
 def test_the_order_of_u_is_one_where_kappa_is_below_the_exponent():
     """||u - u_h||_1 on the finest pair, to the tolerance of rates.yaml and what half a level changes."""
-    errors = stored("graded/errors")
+    errors = read_stored_table("graded/errors")
     rates = np.log2(errors["h1_error"].values[:, -2] / errors["h1_error"].values[:, -1])
     fine = errors["kappa"].values < errors["exponent"].values
     assert fine.sum() > 5
@@ -72,14 +72,14 @@ def test_the_order_of_u_is_one_where_kappa_is_below_the_exponent():
 
 
 def test_adapted_meshes_keep_the_limit_and_their_errors_count():
-    found = stored("graded/adapted")
-    assert found["case"].values.tolist() == list(EXPONENTS)
-    assert float(found["unknowns"].max()) <= STUDY["adapted"]
-    share = (found["algebraic_bound"] / found["discrete_error"]).max()
+    table = read_stored_table("graded/adapted")
+    assert table["case"].values.tolist() == list(EXPONENTS)
+    assert float(table["unknowns"].max()) <= STUDY["adapted"]
+    share = (table["algebraic_bound"] / table["discrete_error"]).max()
     assert float(share) <= 0.01
     for name in ("h1_error", "discrete_error"):
-        for case in found["case"].values:
-            assert np.all(np.diff(found[name].sel(case=case).dropna("level")) < 0)
+        for case in table["case"].values:
+            assert np.all(np.diff(table[name].sel(case=case).dropna("level")) < 0)
 
 
 def test_claims_have_the_tolerance_of_the_dual_norm():

@@ -10,17 +10,17 @@ def rates_table(*rates, verdict="holds", why="", cases=("full_contact", "natural
 
     The first pair is not asymptotic. All rates hold but those of the last case, which have that verdict.
     """
-    at = ("case", "norm", "h_over_H")
+    position = ("case", "norm", "h_over_H")
     shape = (len(rates), 3, 2)
     rate = np.zeros((*shape, len(rates[0])))
     rate[..., 0, :] = np.array(rates)[:, None]
     verdicts = np.full(shape, "holds", dtype="<U10")
     verdicts[-1] = verdict
     return table(
-        **{"verdict": (at, verdicts), "why": (at, np.full(shape, why))},
-        **{"proved": (at, np.full(shape, 0.5)), "expected": (at, np.full(shape, 0.75))},
-        rate=((*at, "pair"), rate),
-        asymptotic=((*at, "pair"), np.ones(rate.shape) * (np.arange(rate.shape[-1]) > 0)),
+        **{"verdict": (position, verdicts), "why": (position, np.full(shape, why))},
+        **{"proved": (position, np.full(shape, 0.5)), "expected": (position, np.full(shape, 0.75))},
+        rate=((*position, "pair"), rate),
+        asymptotic=((*position, "pair"), np.ones(rate.shape) * (np.arange(rate.shape[-1]) > 0)),
         **{
             "case": list(cases[: len(rates)]),
             "norm": ["h1", "hm12", "l2"],
@@ -72,6 +72,6 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)

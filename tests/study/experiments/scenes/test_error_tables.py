@@ -29,7 +29,7 @@ def made_up():
     )
 
 
-def test_the_table_of_rates():
+def test_the_table_of_rates_has_each_observed_rate_beside_the_expected_one():
     table = scenes.tabulate_rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
     heads = [
         "$u$ in $H^1$ (proved 1)",
@@ -44,9 +44,9 @@ def test_the_table_of_rates():
 
 def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
     """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
-    other = made_up().isel(case=[0])
-    other["rate"][0, :, 0, 2] = 0.75
-    table = scenes.tabulate_rates_by_case({"square": made_up(), "again": other}, 0.5)
+    other_row = made_up().isel(case=[0])
+    other_row["rate"][0, :, 0, 2] = 0.75
+    table = scenes.tabulate_rates_by_case({"square": made_up(), "again": other_row}, 0.5)
     first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
     assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
     unknown = made_up().isel(case=[0])
@@ -77,10 +77,10 @@ def test_lower_bounds_of_beta_are_rounded_down():
 
 def test_the_rule_for_beta_counts_the_pairs_that_keep_it():
     """By hand: four pairs keep it."""
-    found = numbers.flatten_groups(stability.summarise_rule(made_up_pairs(), 2, 20))
-    assert found["kept"] == 4
-    assert (found["flat.beta"], found["flat.mesh"]) == (0.508, "graded")
-    assert found["edges.angle"] == 1.14
+    flatten_groups = numbers.flatten_groups(stability.summarise_rule(made_up_pairs(), 2, 20))
+    assert flatten_groups["kept"] == 4
+    assert (flatten_groups["flat.beta"], flatten_groups["flat.mesh"]) == (0.508, "graded")
+    assert flatten_groups["edges.angle"] == 1.14
 
 
 def test_the_rule_follows_its_parameters():
@@ -88,7 +88,7 @@ def test_the_rule_follows_its_parameters():
     assert stability.summarise_rule(made_up_pairs(), 2, 42)["kept"] == 2
 
 
-def test_which_measure_predicts_beta():
+def test_correlations_with_beta_are_those_of_ranks():
     """By hand: the ranks of h/H, of the edges and of H_i/edge against those of beta."""
     table = stability.tabulate_correlations(made_up_pairs(), 20)
     assert table.values.tolist()[0] == ["3 pairs that are not uniform", "0.50", "0.87", "0.50"]
@@ -119,7 +119,7 @@ def test_exceptions_are_named_with_what_they_lack():
     assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
 
 
-def test_the_table_of_floors():
+def test_the_table_of_floors_has_constants_with_their_uncertainty():
     values = {"C1": 1.234, "C2": 0.5, "s": 1.5, "s_uncertainty": 0.01, "residual": 0.0123, "pairs": 7}
     fits = xr.Dataset(
         {name: ("case", [value]) for name, value in values.items()}, coords={"case": ["natural"]}

@@ -3,13 +3,13 @@
 import re
 
 import numpy as np
-from pages import page, said, study_errors, table
+from pages import list_texts, page, study_errors, table
 
 from study import tables
 from study.experiments.scenes import grid_figure as grid
 
 
-def test_the_table(tmp_path):
+def test_the_table_has_an_error_per_pair_and_norm_where_one_was_solved(tmp_path):
     tables.save_table(study_errors(), tmp_path / "errors.nc", "scene")
     frame = grid.table(tmp_path / "errors.nc", ["made_up"])
     assert len(frame) == 3 * 3 * 4
@@ -17,13 +17,13 @@ def test_the_table(tmp_path):
     assert frame["beta_zero"].tolist() == (frame["h"] == frame["H"]).astype(int).tolist()
     solved = (frame["H"] == 2 * frame["h"]) | ((frame["norm"] == "h1") & (frame["H"] == frame["h"]))
     assert frame["error"].notna().tolist() == solved.tolist()
-    kept = frame[solved]
-    np.testing.assert_allclose(kept["error"], 10 * kept["h"] + kept["H"], rtol=1e-15)
+    kept_frame = frame[solved]
+    np.testing.assert_allclose(kept_frame["error"], 10 * kept_frame["h"] + kept_frame["H"], rtol=1e-15)
 
 
 def test_every_error_stands_in_its_cell():
     rows = table("grid")
-    texts = said(page("grid")[0])
+    texts = list_texts(page("grid")[0])
     numbers = [float(text) for text in texts if re.fullmatch(r"\d\.\de-\d", text)]
     assert sorted(numbers) == sorted(float(f"{error:.1e}") for error in rows["error"].dropna())
     assert texts.count("$\\beta=0$") == np.sum(rows["error"].isna() & (rows["beta_zero"] == 1)) > 0

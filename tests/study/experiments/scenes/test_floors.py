@@ -21,11 +21,11 @@ def law(C1, C2, s):
 )
 def test_an_exact_law_is_found(C1, C2, s):
     """To 1e-6: the square root of round-off, as a minimum of squares is known."""
-    found = fit_floor(*SIZES, law(C1, C2, s))
-    assert (found.C1, found.C2, found.s) == pytest.approx((C1, C2, s), rel=1e-6)
-    assert found.s_uncertainty < 1e-6
-    assert found.residual < 1e-6
-    assert found.pairs == 42
+    floor = fit_floor(*SIZES, law(C1, C2, s))
+    assert (floor.C1, floor.C2, floor.s) == pytest.approx((C1, C2, s), rel=1e-6)
+    assert floor.s_uncertainty < 1e-6
+    assert floor.residual < 1e-6
+    assert floor.pairs == 42
 
 
 def test_the_uncertainty_is_that_of_repeated_noise():
@@ -35,27 +35,27 @@ def test_the_uncertainty_is_that_of_repeated_noise():
     """
     random = np.random.default_rng(1)
     exact = law(0.3, 2.0, 1.25)
-    found = [fit_floor(*SIZES, exact * np.exp(0.02 * random.standard_normal(42))) for _ in range(200)]
-    stated = np.median([each.s_uncertainty for each in found])
-    observed = np.std([each.s for each in found])
+    floors = [fit_floor(*SIZES, exact * np.exp(0.02 * random.standard_normal(42))) for _ in range(200)]
+    stated = np.median([fit.s_uncertainty for fit in floors])
+    observed = np.std([fit.s for fit in floors])
     assert observed == pytest.approx(stated, rel=0.2)
-    assert np.mean([each.s for each in found]) == pytest.approx(1.25, abs=4 * observed / np.sqrt(200))
+    assert np.mean([fit.s for fit in floors]) == pytest.approx(1.25, abs=4 * observed / np.sqrt(200))
 
 
 def test_another_law_leaves_a_residual():
     """Control: a sum of three powers, whose H^(1/2) no s near 3/2 can follow."""
     h, H = SIZES
-    found = fit_floor(h, H, np.sqrt(h**2 + H**3 + 0.01 * H))
-    assert found.residual > 0.1
-    assert abs(found.s - 1.5) > 0.1
+    floor = fit_floor(h, H, np.sqrt(h**2 + H**3 + 0.01 * H))
+    assert floor.residual > 0.1
+    assert abs(floor.s - 1.5) > 0.1
 
 
-@pytest.mark.parametrize("kept", [slice(0, 3), slice(0, 7), slice(0, 42, 7)])
-def test_too_few_sizes_are_refused(kept):
+@pytest.mark.parametrize("retained", [slice(0, 3), slice(0, 7), slice(0, 42, 7)])
+def test_too_few_sizes_are_refused(retained):
     """Three errors; one h; one H."""
     h, H = SIZES
     with sentences.raises(InputError):
-        fit_floor(h[kept], H[kept], law(1, 1, 1)[kept])
+        fit_floor(h[retained], H[retained], law(1, 1, 1)[retained])
 
 
 def table():
@@ -77,11 +77,11 @@ def table():
 
 
 def test_only_asymptotic_sizes_count_and_lambda_must_not_be_0():
-    found = fit_cases(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
-    assert list(found["case"].values) == ["made_up"]
-    of = found.sel(case="made_up")
-    assert [float(of[name]) for name in ("C1", "C2", "s")] == pytest.approx([0.3, 2.0, 1.25], rel=1e-6)
-    assert int(of["pairs"]) == 5 * 6 - 1
-    assert float(of["start"]) == 1 / 16
+    cases = fit_cases(table(), {"made_up": 1 / 16, "no_contact": 1 / 16}, 1 / 2)
+    assert list(cases["case"].values) == ["made_up"]
+    row = cases.sel(case="made_up")
+    assert [float(row[name]) for name in ("C1", "C2", "s")] == pytest.approx([0.3, 2.0, 1.25], rel=1e-6)
+    assert int(row["pairs"]) == 5 * 6 - 1
+    assert float(row["start"]) == 1 / 16
     wrong = fit_cases(table(), {"made_up": 1 / 8, "no_contact": 1 / 8}, 1 / 2).sel(case="made_up")
     assert abs(float(wrong["s"]) - 1.25) > 0.1

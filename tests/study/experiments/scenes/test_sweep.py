@@ -75,10 +75,10 @@ def test_the_dual_norm_of_an_error_is_that_of_the_function(tables):
 
 
 def test_the_constants_are_those_of_the_pair(tables):
-    alone = discrete("natural", 8, 4)
-    found = infsup_constants(alone.spaces.operator, gram(NAMES).p0)
+    single_discrete = discrete("natural", 8, 4)
+    constants = infsup_constants(single_discrete.spaces.operator, gram(NAMES).p0)
     for name in ("beta_lower", "beta_upper", "beta_0"):
-        assert float(tables[0][name][0, 1]) == pytest.approx(getattr(found, name), rel=1e-9)
+        assert float(tables[0][name][0, 1]) == pytest.approx(getattr(constants, name), rel=1e-9)
         assert np.all(tables[0][name].values[0, 2:] == 0)
 
 
@@ -86,29 +86,31 @@ def test_the_constants_are_those_of_the_pair(tables):
 @pytest.mark.parametrize(("k", "m"), [(1, 4), (2, 8)])
 def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m):
     """The same arithmetic, so the same numbers: rtol leaves room for the order of sums only."""
-    alone = discrete(name, 8, m)
-    beta = infsup_constants(alone.spaces.operator, gram(NAMES).p0).beta_lower if k == 1 else 0.0
-    solution = solve_condensed_problem(alone, beta=beta)
-    errors = exact_errors(alone, solution)
+    single_discrete = discrete(name, 8, m)
+    beta = infsup_constants(single_discrete.spaces.operator, gram(NAMES).p0).beta_lower if k == 1 else 0.0
+    solution = solve_condensed_problem(single_discrete, beta=beta)
+    errors = exact_errors(single_discrete, solution)
     values = {
         "h1_error": errors.h1,
         "discrete_error": errors.hm12_discrete,
         "l2_error": errors.l2,
         "tolerance": solution.tolerance,
-        "ritz_means": alone.exact.ritz_means_norm(alone.spaces),
+        "ritz_means": single_discrete.exact.ritz_means_norm(single_discrete.spaces),
     }
     run = tables[0].isel(case=c, mesh=0, partition=k)
     for variable, value in values.items():
         np.testing.assert_allclose(run[variable], value, rtol=1e-9, err_msg=variable)
     for variable in ("iterations", "operator_applications", "converged", "algorithm"):
         expected = getattr(solution.result, variable)
-        found = run[variable].item()
-        assert found == expected or (np.isnan(found) and np.isnan(expected)), variable
+        computed = run[variable].item()
+        assert computed == expected or (np.isnan(computed) and np.isnan(expected)), variable
     np.testing.assert_allclose(run["lambda_H"][: 4 * m], solution.lambda_H, rtol=1e-9, atol=1e-12)
     assert np.isnan(run["lambda_H"][4 * m :]).all()
     for name in ("ritz_error", "ritz_boundary_error"):
-        assert float(run[name]) == pytest.approx(getattr(alone.exact.ritz, name), rel=1e-9)
-    assert float(run["projection_error"]) == pytest.approx(alone.exact.cell_means.projection_error, rel=1e-12)
+        assert float(run[name]) == pytest.approx(getattr(single_discrete.exact.ritz, name), rel=1e-9)
+    assert float(run["projection_error"]) == pytest.approx(
+        single_discrete.exact.cell_means.projection_error, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["clamped", "clamped_90"])
@@ -119,13 +121,13 @@ def test_beside_a_clamped_side_a_run_is_the_solve_of_its_problem(name):
     cells = partition.make_uniform_partition(SQUARE, 1 / 4)
     norm = build_dual_norm(cells, [case])
     table, _ = solve_on_partitions(mesh, [case], [cells], norm.gram([case]))
-    alone = discretise(case.problem, mesh, cells)
+    single = discretise(case.problem, mesh, cells)
     chosen = np.flatnonzero(cells.side != case.clamped_sides[0])
-    beta = infsup_constants(alone.spaces.operator, build_dual_norm(cells, form=alone.form).gram().p0)
-    solution = solve_condensed_problem(alone, beta=beta.beta_lower)
+    beta = infsup_constants(single.spaces.operator, build_dual_norm(cells, form=single.form).gram().p0)
+    solution = solve_condensed_problem(single, beta=beta.beta_lower)
     run = table.isel(case=0, mesh=0, partition=0)
     lower, upper = norm.bound_error(case, solution.lambda_H[None])
-    errors = exact_errors(alone, solution)
+    errors = exact_errors(single, solution)
     values = {
         "h1_error": h1_distance(case, mesh, solution.u_h),
         "discrete_error": errors.hm12_discrete,
@@ -150,7 +152,8 @@ def test_where_beta_is_0_the_active_set_ran_and_lambda_has_no_error(tables, k):
     assert np.all(runs["converged"] == 1)
 
 
-def test_the_coordinates(tables):
+def test_the_coordinates_are_sizes_and_unknowns_of_meshes_and_partitions(tables):
+    """By counting: 9^2 nodes for h = 1/8, 32 of them on the boundary, and m cells on each of four sides."""
     for table in tables:
         assert list(table["case"].values) == list(NAMES)
         np.testing.assert_allclose(table["H"], 1 / np.array(CELLS), rtol=1e-14)
@@ -171,14 +174,14 @@ def test_one_factorisation_for_all_and_one_operator_for_each_partition(monkeypat
     """
     counts = Counter()
 
-    def counting(of, name, called):
-        function = getattr(of, name)
+    def counting(module, name, called):
+        function = getattr(module, name)
 
-        def counted(*arguments):
+        def call_and_count(*arguments):
             counts[called] += 1
             return function(*arguments)
 
-        monkeypatch.setattr(of, name, counted)
+        monkeypatch.setattr(module, name, call_and_count)
 
     for name in ("condense", "ritz_projections", "cell_means", "mixed_spaces", "solve_condensed_problem"):
         counting(module, name, name)

@@ -15,7 +15,7 @@ from unilateral.norms.dual import build_dual_norm
 
 
 @pytest.fixture(scope="module")
-def solved():
+def totals_data():
     """All that `totals` is given, of two cases on two partitions of which one counts."""
     mesh = make_structured_mesh(square(), 1 / 8)
     cases = [load(name) for name in ("natural", "no_contact")]
@@ -25,31 +25,31 @@ def solved():
 
 
 @pytest.fixture(scope="module")
-def found(solved):
-    return tabulate_indices(*solved)
+def indices(totals_data):
+    return tabulate_indices(*totals_data)
 
 
-def test_the_bounds_hold_and_are_sharp(found):
+def test_the_bounds_hold_and_are_sharp(indices):
     """natural is resolved at h = 1/8; 1.5 is what a user may expect of a smooth problem."""
-    of = found.sel(case="natural")
-    assert float(found["H"][0]) == 0.25
+    row = indices.sel(case="natural")
+    assert float(indices["H"][0]) == 0.25
     for name in ("total_index_u", "total_index_lambda", "local_index_u"):
-        assert 1 <= float(of[name][0]) <= 1.5
+        assert 1 <= float(row[name][0]) <= 1.5
 
 
-def test_the_bound_of_another_function_is_none(found):
+def test_the_bound_of_another_function_is_none(indices):
     """v is of second order, so its distance to u is below that of u_h."""
-    assert np.all(found["total_index_v"] < 1)
+    assert np.all(indices["total_index_v"] < 1)
 
 
-def test_an_exact_multiplier_has_no_index(found):
-    assert np.isnan(float(found["total_index_lambda"].sel(case="no_contact")[0]))
-    assert float(found["total_index_u"].sel(case="no_contact")[0]) >= 1
+def test_an_exact_multiplier_has_no_index(indices):
+    assert np.isnan(float(indices["total_index_lambda"].sel(case="no_contact")[0]))
+    assert float(indices["total_index_u"].sel(case="no_contact")[0]) >= 1
 
 
-def test_the_table_names_both_ends(found):
-    both = xr.concat([found, found.assign_coords(h=("mesh", [1 / 64]))], "mesh")
-    table = error_tables.tabulate_totals({"square": both})
+def test_the_table_names_both_ends(indices):
+    pair = xr.concat([indices, indices.assign_coords(h=("mesh", [1 / 64]))], "mesh")
+    table = error_tables.tabulate_totals({"square": pair})
     assert list(table)[:4] == ["scene", "case", "cheap, $H^1$, h = 1/8", "cheap, $H^1$, h = 1/64"]
     assert list(table)[4:6] == ["sharp, $H^1$, h = 1/8", "sharp, $H^1$, h = 1/64"]
     assert table.iloc[-1].tolist()[:2] == ["square", "`no_contact`"]
@@ -66,14 +66,14 @@ def test_how_fast_the_index_falls_is_told_beside_the_proved_rate():
         coords={"case": ["natural", "violates_jj"], "h": ("mesh", [1 / 2, 1 / 4, 1 / 8, 1 / 16])},
     )
     claimed = {"scenes": ["square"], "orders": {"natural": 1.5, "violates_jj": 1}}
-    found = error_tables.tabulate_exactness({"square": table, "lshape": table}, claimed)
-    assert list(found)[2:] == [
+    exactness = error_tables.tabulate_exactness({"square": table, "lshape": table}, claimed)
+    assert list(exactness)[2:] == [
         "proved rate",
         "observed rate",
         "index − 1, h = 1/16",
         "η over the error, h = 1/16",
     ]
-    assert found.values.tolist() == [
+    assert exactness.values.tolist() == [
         ["square", "`natural`", "1.00", "2.00", "0.0625", "0.125"],
         ["square", "`violates_jj`", "falls to 0", "−1.00", "1.0000", "0.125"],
         ["lshape", "`natural`", "–", "2.00", "0.0625", "0.125"],

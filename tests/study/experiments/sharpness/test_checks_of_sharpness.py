@@ -48,11 +48,11 @@ def powers(*changed, gamma=1.0, **variables):
     error = np.tile(H[:, None, None] ** (1 + alpha[:, None]), (1, 1, 2))
     for place, factor in changed:
         error[place] *= factor
-    left = 0.5 * (1 + alpha[:, None] + gammas)
-    of = {"error": (("norm", "level", "alpha", "gamma"), np.stack([error, error]))}
-    of |= {"predicted": (("norm", "alpha"), np.stack([1 + alpha, 1 + alpha]))}
-    of |= {"left_by_proof": (("norm", "alpha", "gamma"), np.stack([left, left]))}
-    return table(**of, **variables, norm=["hm12", "discrete"], alpha=alpha, gamma=gammas, H=("level", H))
+    remaining = 0.5 * (1 + alpha[:, None] + gammas)
+    fields = {"error": (("norm", "level", "alpha", "gamma"), np.stack([error, error]))}
+    fields |= {"predicted": (("norm", "alpha"), np.stack([1 + alpha, 1 + alpha]))}
+    fields |= {"left_by_proof": (("norm", "alpha", "gamma"), np.stack([remaining, remaining]))}
+    return table(**fields, **variables, norm=["hm12", "discrete"], alpha=alpha, gamma=gammas, H=("level", H))
 
 
 LOWER = (np.s_[-1, 1, 0], 2**0.75)
@@ -66,7 +66,7 @@ MOST = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 2.0}, 
 BELOW = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 0.25}, tolerance=0.1)
 
 
-def at_positions(place, held=()):
+def make_positions(place, held_cells=()):
     """Errors of 1 but for one of 1.5; all cells at gamma = 1, with alpha < 0, on the first level are held."""
     error = np.ones((4, 3, 2, 2))
     has = np.zeros((4, 3, 2, 2))
@@ -74,10 +74,10 @@ def at_positions(place, held=()):
     has[:, :, 1] = 1.0
     has[:, 0] = 1.0
     has[0] = 1.0
-    if held:
-        has[held] = 1.0
-    of = {"l2_error": (("level", "alpha", "gamma", "position"), error), "held": has}
-    return table(**of, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
+    if held_cells:
+        has[held_cells] = 1.0
+    fields = {"l2_error": (("level", "alpha", "gamma", "position"), error), "held": has}
+    return table(**fields, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
 
 
 RELEASED = partial(exponents.free_position_errors, table="t", norms=["l2"], at_most=1.5)
@@ -93,10 +93,10 @@ def ritz(nu):
     """Errors h^2 over the last factor of 4, with that exponent of a case; and what they exceed by."""
     h = 0.5 ** np.arange(1, 6)
     power = {0.25: 0, 0.5: 1}.get(nu, 0.5)
-    taken = power * math.log((1 + math.log(32)) / (1 + math.log(8))) / math.log(4)
+    selected = power * math.log((1 + math.log(32)) / (1 + math.log(8))) / math.log(4)
     check = partial(exponents.proposition_3, scenes=["a"], exponents={"c": nu, "e": 1.0}, tolerance=0.1)
-    given = table(ritz_boundary_error=[[9, 9, *h[2:] ** 2]], case=["c"], h=h)
-    return check, given, 2 - min(2, 1.5 + nu) + taken
+    ritz_table = table(ritz_boundary_error=[[9, 9, *h[2:] ** 2]], case=["c"], h=h)
+    return check, ritz_table, 2 - min(2, 1.5 + nu) + selected
 
 
 ROWS = [
@@ -131,9 +131,9 @@ ROWS = [
     (BELOW, powers(AT_HALF), (0.0, True)),
     # Errors at single positions are compared with those of the smallest gamma, on the last two levels and for
     # alpha > 0. There no cell may be held.
-    *[(RELEASED, at_positions(place), 1.5) for place in ((2, 1, 1, 0), (3, 2, 1, 1))],
-    *[(RELEASED, at_positions(place), 1.0) for place in ((1, 1, 1, 0), (3, 0, 1, 0))],
-    (RELEASED, at_positions((2, 1, 1, 0), held=(2, 1, 0, 1)), (1.0, False)),
+    *[(RELEASED, make_positions(place), 1.5) for place in ((2, 1, 1, 0), (3, 2, 1, 1))],
+    *[(RELEASED, make_positions(place), 1.0) for place in ((1, 1, 1, 0), (3, 0, 1, 0))],
+    (RELEASED, make_positions((2, 1, 1, 0), held_cells=(2, 1, 0, 1)), (1.0, False)),
     # t may lack its logarithm at alpha = 1/2, at 1/4 nothing; the first pair does not count.
     ("T.t", t_rates([0, 1.125, 1.5], [0, 1.25, 1.5]), (-0.125, False)),
     ("T.t", t_rates([0, 2, 1.5], [0, 1.25, 1.25]), min(0, TAKEN - 0.25)),
@@ -142,6 +142,6 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)

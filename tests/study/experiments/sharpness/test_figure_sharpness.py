@@ -20,12 +20,12 @@ VARIABLES = (
 def test_a_panel_has_the_lines_of_its_rows_and_no_others(norm):
     """Measured rates are a line for each alpha, all other kinds are one line each."""
     rows = table("sharpness").query(f"norm == '{norm}'")
-    parts = rows.assign(of=rows["alpha"].where(rows["kind"] == "measured", 0)).groupby(["kind", "of"])
-    expected = [line[["alpha", "rate"]].round(9).to_numpy().tolist() for _, line in parts]
-    found = [
+    components = rows.assign(of=rows["alpha"].where(rows["kind"] == "measured", 0)).groupby(["kind", "of"])
+    expected = [line[["alpha", "rate"]].round(9).to_numpy().tolist() for _, line in components]
+    computed = [
         line.get_xydata().round(9).tolist() for line in page("sharpness")[0].axes[NORMS.index(norm)].lines
     ]
-    assert sorted(found) == sorted(expected)
+    assert sorted(computed) == sorted(expected)
 
 
 def rates():
@@ -36,9 +36,11 @@ def rates():
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
     error = np.where(h == H[0], 2.0 ** (c - a - 1), 1.0) * h ** (a + 1)
     dims = ("level", "alpha", "gamma", "position")
-    found = {name: (dims, error) for name in VARIABLES}
+    errors_by_variable = {name: (dims, error) for name in VARIABLES}
     per_level = {name: ("level", H) for name in ("h", "H", "beta_lower", "lambda_min")}
-    return tabulate_surfaces(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
+    return tabulate_surfaces(
+        xr.Dataset(errors_by_variable | per_level, coords={"alpha": alpha, "gamma": gamma})
+    )
 
 
 @pytest.fixture
@@ -47,17 +49,19 @@ def made_up(tmp_path):
     return sharpness.table(tmp_path / "rates.nc", tmp_path / "rates.nc")
 
 
-def test_the_table(made_up):
+def test_the_table_has_measured_and_largest_rates_per_norm(made_up):
     """The largest error is for the larger gamma on the coarsest level, and the same for both after it."""
     assert set(made_up["norm"]) == set(NORMS)
     measured = made_up[made_up["kind"] == "measured"]
     largest = made_up[made_up["kind"] == "largest"]
     assert (len(measured), len(largest)) == (3 * 2 * 2, 2 * 2)
-    of_pairs = measured[measured["norm"] != "discrete"]
-    of_D = measured[measured["norm"] == "discrete"]
-    for of in (of_pairs, largest):
-        np.testing.assert_allclose(of["rate"], of["alpha"] + 1, rtol=1e-12)
-    np.testing.assert_allclose(of_D["rate"], (of_D["alpha"] + 1 + of_D["gamma"]) / 2, rtol=1e-12)
+    pair_rows = measured[measured["norm"] != "discrete"]
+    discrete_rows = measured[measured["norm"] == "discrete"]
+    for rows in (pair_rows, largest):
+        np.testing.assert_allclose(rows["rate"], rows["alpha"] + 1, rtol=1e-12)
+    np.testing.assert_allclose(
+        discrete_rows["rate"], (discrete_rows["alpha"] + 1 + discrete_rows["gamma"]) / 2, rtol=1e-12
+    )
 
 
 BENDS = {
@@ -70,7 +74,7 @@ BENDS = {
 
 
 @pytest.mark.parametrize("line", BENDS, ids=str)
-def test_lines_with_their_bends(line, made_up):
+def test_lines_bend_where_the_smaller_of_two_rates_changes(line, made_up):
     """By hand: min(3/2, 1 + alpha), min(1, alpha + 1/2), and (1 + alpha + gamma)/2 for the least gamma."""
     rows = made_up[(made_up["norm"] == line[0]) & (made_up["kind"] == line[1])]
     if len(line) == 3:

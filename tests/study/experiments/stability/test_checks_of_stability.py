@@ -12,7 +12,7 @@ def eigenvalues(*ratio):
     return table(lambda_min=[[2.0, 1.0, 0.5]], lambda_max=[[2.0, 4.0, 4.0]], h_over_H=[ratio])
 
 
-def adapted(ratios, angles):
+def make_adapted_levels(ratios, angles):
     """Three levels, the same for every case without clamped sides; for one with them beta is 0."""
     cases = ["reentrant", "violates_j", "singular", "thirds", "step", "clamped_270"]
     beta = np.zeros((6, 3))
@@ -21,20 +21,20 @@ def adapted(ratios, angles):
     beta[:5] = [0.9, 0.5, 0.25]
     ratio[:5] = ratios
     angle[:5] = angles
-    of = {"beta_lower": beta, "cell_over_edge": ratio, "smallest_angle": angle}
-    return table(**{name: (("case", "level"), each) for name, each in of.items()}, case=cases)
+    fields = {"beta_lower": beta, "cell_over_edge": ratio, "smallest_angle": angle}
+    return table(**{name: (("case", "level"), value) for name, value in fields.items()}, case=cases)
 
 
 def inner_nodes(deltas, ratios=(1.0, 1, 1), angles=(45.0, 45, 45), beta=(0.9, 0.6, 0.3)):
     """4 delta (1 - delta) is 1, 0.75, 0.36 at 1/2, 1/4, 1/10."""
-    of = {"delta": [deltas], "alpha_1": [ratios], "smallest_angle": [angles]}
-    return table(beta_lower=[beta], beta_0_cellwise=[[0.3, 0.15, 0.1]], **of)
+    fields = {"delta": [deltas], "alpha_1": [ratios], "smallest_angle": [angles]}
+    return table(beta_lower=[beta], beta_0_cellwise=[[0.3, 0.15, 0.1]], **fields)
 
 
-def unsolved(*bounds, ratio=1.0):
+def make_unsolved_bounds(*bounds, ratio=1.0):
     """beta is at most 3/4 and 1/2; the bound on it that needs no eigenvalues, in two pairs."""
-    of = {"delta": [[0.5, 0.5]], "alpha_1": [[1.0, ratio]], "smallest_angle": [[45.0, 45.0]]}
-    return table(beta_upper=[[0.75, 0.5]], beta_fortin=[bounds], **of)
+    fields = {"delta": [[0.5, 0.5]], "alpha_1": [[1.0, ratio]], "smallest_angle": [[45.0, 45.0]]}
+    return table(beta_upper=[[0.75, 0.5]], beta_fortin=[bounds], **fields)
 
 
 def pairing(*deltas):
@@ -56,11 +56,11 @@ ROWS = [
     ("3.1c", eigenvalues(0.5, 0.75, 2), 0.125),
     ("3.1c", eigenvalues(0.5, 0.5, 0.5), "is not known of square"),
     # The local rule asks for short edges, a cell of 2 edges to round-off, and for angles of 20 degrees.
-    ("A.beta", adapted([2.0, 1.9, 3.0], [45.0, 45, 19]), 0.9),
-    ("A.beta", adapted([2.0, 2.0, 3.0], [45.0, 20, 19]), 0.5),
-    ("A.beta", adapted([2.0, 1.9, 3.0], [45.0, 45, 20]), (0.25, False)),
-    ("A.beta", adapted([2 - 1e-10, 1, 1], [45.0, 45, 45]), 0.9),
-    ("A.beta", adapted([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
+    ("A.beta", make_adapted_levels([2.0, 1.9, 3.0], [45.0, 45, 19]), 0.9),
+    ("A.beta", make_adapted_levels([2.0, 2.0, 3.0], [45.0, 20, 19]), 0.5),
+    ("A.beta", make_adapted_levels([2.0, 1.9, 3.0], [45.0, 45, 20]), (0.25, False)),
+    ("A.beta", make_adapted_levels([2 - 1e-10, 1, 1], [45.0, 45, 45]), 0.9),
+    ("A.beta", make_adapted_levels([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
     # The rule of inner nodes asks for delta, comparable cells and no flat triangles.
     ("T.node", inner_nodes([0.5, 0.5, 0.5]), 0.3),
     ("T.node", inner_nodes([0.5, 0.25, 0.1]), 0.6 / 0.75),
@@ -79,11 +79,11 @@ ROWS = [
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.1]]), 4.0),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.0]]), "nothing of which"),
     # The bound without eigenvalues is judged where there is one: that it is below, and how far.
-    ("T.fortin", unsolved(0.25, 0.25), 2.0),
-    ("T.fortin", unsolved(0.25, 0.0), 3.0),
-    ("T.fortin", unsolved(0.0, 0.0), "nothing of which"),
-    ("T.near", unsolved(0.25, 0.25), 3.0),
-    ("T.near", unsolved(0.25, 0.1, ratio=10.1), 3.0),
+    ("T.fortin", make_unsolved_bounds(0.25, 0.25), 2.0),
+    ("T.fortin", make_unsolved_bounds(0.25, 0.0), 3.0),
+    ("T.fortin", make_unsolved_bounds(0.0, 0.0), "nothing of which"),
+    ("T.near", make_unsolved_bounds(0.25, 0.25), 3.0),
+    ("T.near", make_unsolved_bounds(0.25, 0.1, ratio=10.1), 3.0),
     # Near the ends beta falls with the cells, from both sides.
     ("T.ends", near_ends(0.2), 0.0),
     ("T.ends", near_ends(0.1), (1.0, False)),
@@ -94,6 +94,6 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
-def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
-    observes(check, given, expected)
+@pytest.mark.parametrize(("check", "data", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, data, expected):
+    observes(check, data, expected)

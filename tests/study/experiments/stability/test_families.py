@@ -72,7 +72,7 @@ def test_all_that_can_be_asked_for_is_tried_here():
         ({"points": [0, "1/3", 4, 9, 12]}, [0, 1 / 3, 4, 9, 12]),
     ],
 )
-def test_points_by_hand(spec, expected):
+def test_points_of_partitions_are_those_by_hand(spec, expected):
     """H = 2 are two cells of 2, three of 5/3, two of 3/2; shifted by a quarter, the first is longer.
 
     Graded ones are powers towards both ends of a side.
@@ -88,9 +88,9 @@ def test_random_lengths_are_log_uniform():
     assert np.all(np.ptp(logarithms, axis=1) <= np.log(4) + 1e-9)
     assert_allclose(logarithms.std(axis=1), np.log(4) / np.sqrt(12), rtol=0.05)
     again = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 1})
-    other = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 2})
+    other_partition = make_partition(square(), {"H": "1/1000", "spread": 4, "seed": 2})
     assert_array_equal(cells.points, again.points)
-    assert not np.array_equal(cells.points, other.points)
+    assert not np.array_equal(cells.points, other_partition.points)
 
 
 @pytest.mark.parametrize("spec", [{"H": "1/4"}, {"H": "1/4", "shift": 0}, {"H": "1/4", "grading": 1}])
@@ -109,7 +109,7 @@ def test_followed_cells_have_the_same_number_of_edges(spec, K):
     assert_allclose(np.diff(nodes, append=4), expected, rtol=0, atol=ROUND_OFF)
 
 
-def test_followed_fractions():
+def test_followed_nodes_lie_at_equal_fractions_of_the_cells():
     """Two cells of 1/4 and 3/4 with three edges: nodes at 2/3 of the first, at 1/3 of the second."""
     cells = make_partition(square(), {"points": [0, "1/4", 1, "5/4", 2, "9/4", 3, "13/4", 4]})
     nodes = place_boundary_nodes(cells, {"kind": "follow"}, "3/2")
@@ -117,7 +117,7 @@ def test_followed_fractions():
     assert_allclose(nodes, np.add.outer(np.arange(4), nodes[:3]).ravel(), rtol=0, atol=ROUND_OFF)
 
 
-def test_equal_and_graded_nodes():
+def test_equal_and_graded_nodes_lie_where_their_formulas_say():
     """Sides with one cell each of length 4, 5, 3."""
     cells = make_partition(TRIANGLE, {"counts": [1, 1, 1]})
     assert_allclose(
@@ -137,7 +137,7 @@ def test_random_nodes_are_drawn_like_random_partitions():
 @pytest.mark.parametrize("K", ["1/10", "9/8", "3/2", 2.7])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("spec", PARTITIONS)
-def test_numbers_of_edges(spec, kind, K):
+def test_a_side_of_m_cells_has_K_m_edges_rounded(spec, kind, K):
     """max(1, round(K m)) on a side with m cells, halves rounded up."""
     cells = make_partition(square(), spec)
     nodes = place_boundary_nodes(cells, kind, K)
@@ -158,7 +158,7 @@ def test_meshes_have_the_nodes_asked_for(kind):
         assert_allclose(resolution(mesh, cells)[:3], (2, 2, 1), rtol=1e-12)
 
 
-def test_inner_nodes_by_hand():
+def test_inner_nodes_lie_on_the_far_side_of_the_middle_of_each_cell():
     """A side of 5 cells and one of 4, of the length 1 each: before the middle at 3/4, after it at 1/4."""
     polygon = Polygon(np.array([[0, 0], [5, 0], [5, 4], [0, 4]]), "rectangle")
     cells = make_partition(polygon, {"counts": [5, 4, 1, 1]})
@@ -173,19 +173,19 @@ def test_inner_nodes_by_hand():
 def test_every_cell_has_one_node_inside_and_at_least_delta_from_its_ends(kind, spec, delta):
     cells = make_partition(square(), spec)
     mesh = mesh_of(cells, kind, delta)
-    found = resolution(mesh, cells)
-    assert delta * (1 - 1e-9) <= found.delta <= 0.5
+    cell_resolution = resolution(mesh, cells)
+    assert delta * (1 - 1e-9) <= cell_resolution.delta <= 0.5
     assert len(mesh.boundary) == (2 * cells.n_cells if "ends" in kind else cells.n_cells + 4)
-    assert (found.nodes_per_cell, found.alpha_1) == (1, cells.alpha_1)
+    assert (cell_resolution.nodes_per_cell, cell_resolution.alpha_1) == (1, cells.alpha_1)
 
 
-def test_explicit_nodes():
+def test_explicit_nodes_are_taken_as_given():
     cells = make_partition(square(), {"H": 1})
     mesh = mesh_of(cells, {"nodes": [0, "1/3", 1, 2, 2.5, 3]}, 1)
     assert_array_equal(mesh.s, [0, 1 / 3, 1, 2, 2.5, 3, 4])
 
 
-def test_structured_meshes():
+def test_structured_meshes_have_the_size_of_the_cells_over_the_ratio():
     cells = make_partition(square(), {"H": "1/4"})
     mesh = mesh_of(cells, {"kind": "structured"}, "3/2")
     assert_array_equal(mesh.points, make_structured_mesh(square(), 1 / 6).points)
@@ -202,7 +202,7 @@ def test_structured_meshes():
         {"points": [0, 2, 1, 3, 4]},
     ],
 )
-def test_partitions_refused(spec):
+def test_partitions_that_cannot_be_are_refused(spec):
     with sentences.raises(InputError):
         make_partition(square(), spec)
 
@@ -218,7 +218,7 @@ def test_partitions_refused(spec):
         ({"nodes": [-0.5, 0, 1, 2, 3]}, 1),
     ],
 )
-def test_meshes_refused(spec, K):
+def test_meshes_that_cannot_be_are_refused(spec, K):
     with sentences.raises(InputError):
         mesh_of(make_partition(square(), {"H": 1}), spec, K)
 
@@ -242,13 +242,13 @@ def test_one_mesh_serves_all_partitions_with_its_boundary_nodes():
 def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypatch):
     """Two numbers of edges make two meshes; each partition's values are those of its own survey."""
     condensed = []
-    own = stability.condense
-    monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
+    original = stability.condense
+    monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or original(mesh))
     polygon = square()
     cells = [make_partition(polygon, spec) for spec in SAME_NUMBERS]
     table = survey_pairs(cells, [RANDOM_EDGES] * 2, [2, 3], {})
     assert len(condensed) == 2
     for p in range(2):
-        alone = survey_pairs(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
-        xr.testing.assert_equal(table.isel(partition=[p]), alone)
+        single_survey_pairs = survey_pairs(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
+        xr.testing.assert_equal(table.isel(partition=[p]), single_survey_pairs)
     assert len(condensed) == 6

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import config, stored
+from conftest import config, read_stored_table
 
 from unilateral.norms.resolution import RULE
 
@@ -12,7 +12,7 @@ SURVEYS = STUDY["surveys"]
 
 
 def survey(name):
-    return stored(f"{name}/infsup")
+    return read_stored_table(f"{name}/infsup")
 
 
 def surveys():
@@ -21,8 +21,8 @@ def surveys():
 
 def keeps_rule(table):
     """Which pairs keep the library's rule, up to rounding."""
-    kept = [table[name].values >= least * (1 - 1e-9) for name, least in RULE._asdict().items()]
-    return np.all(kept, axis=0)
+    retained = [table[name].values >= minimum * (1 - 1e-9) for name, minimum in RULE._asdict().items()]
+    return np.all(retained, axis=0)
 
 
 @pytest.mark.parametrize("name", SURVEYS)
@@ -33,8 +33,8 @@ def test_beta_is_known_to_half_a_percent_and_the_worst_multiplier_normalised(nam
     worst = survey(name)["worst"].values
     assert np.all((lower >= 0) & (lower <= upper) & (upper <= 1))
     assert np.all(upper <= 1.005 * lower)
-    known = np.isfinite(worst).any(axis=-1)
-    np.testing.assert_allclose(np.nanmax(np.abs(worst[known]), axis=-1), 1, rtol=2e-3)
+    expected = np.isfinite(worst).any(axis=-1)
+    np.testing.assert_allclose(np.nanmax(np.abs(worst[expected]), axis=-1), 1, rtol=2e-3)
 
 
 @pytest.mark.parametrize("name", ["betasquare", "betagmsh", "betalshape", "betalshapegmsh"])
@@ -59,7 +59,7 @@ def test_at_h_equal_to_H_beta_vanishes_on_an_even_boundary_and_not_on_an_odd_one
     assert 0 < odd["beta_lower"].values[0, 0] < 0.1
 
 
-@pytest.mark.parametrize("name", [name for name, each in SURVEYS.items() if each["kind"] == "uniform"])
+@pytest.mark.parametrize("name", [name for name, survey in SURVEYS.items() if survey["kind"] == "uniform"])
 def test_on_uniform_meshes_beta_grows_with_the_edges_per_cell(name):
     """V_h of nested meshes, K = 1, 2, 4: each beta is between bounds."""
     table = survey(name)
@@ -73,15 +73,18 @@ def test_on_uniform_meshes_beta_grows_with_the_edges_per_cell(name):
 
 def test_at_a_fixed_ratio_beta_is_uniform_in_h():
     """H = 1/16 and 1/32: Lemma 3.1's constant depends on the ratio only; the corners' share is below 5 %."""
-    coarse, fine = (
-        dict(zip(np.round(of["edges_per_cell"].values, 6), of["beta_lower"].values, strict=True))
-        for of in (survey(name).isel(partition=0) for name in ("betasquare", "betasquarefine"))
-    )
+
+    def beta_by_ratio(name):
+        row = survey(name).isel(partition=0)
+        return dict(zip(np.round(row["edges_per_cell"].values, 6), row["beta_lower"].values, strict=True))
+
+    coarse = beta_by_ratio("betasquare")
+    fine = beta_by_ratio("betasquarefine")
     common = sorted(K for K in coarse.keys() & fine.keys() if coarse[K] > 0)
     assert len(common) >= 6
-    found = np.array([fine[K] for K in common])
+    computed = np.array([fine[K] for K in common])
     expected = np.array([coarse[K] for K in common])
-    np.testing.assert_allclose(found, expected, rtol=0.05)
+    np.testing.assert_allclose(computed, expected, rtol=0.05)
     assert np.all(expected[1:] / expected[:-1] > 1.05)  # control
 
 
@@ -96,8 +99,8 @@ def test_the_finds_of_the_search_with_the_rule_keep_it():
     """And the worst of all pairs that keep it is one of them, so the search was of use."""
     worst = {name: table["beta_upper"].values[keeps_rule(table)] for name, table in surveys()}
     assert len(worst["betarule"]) == len(FINDS["betarule"])
-    least = {name: beta.min() for name, beta in worst.items() if len(beta)}
-    assert min(least, key=least.get) == "betarule"
+    min_betas = {name: beta.min() for name, beta in worst.items() if len(beta)}
+    assert min(min_betas, key=min_betas.get) == "betarule"
 
 
 def test_the_rule_for_beta_is_judged_on_many_pairs():

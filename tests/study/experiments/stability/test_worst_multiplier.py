@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from boundary_norms import EQUAL_POINTS, gram, on, operator, own_cells
+from boundary_norms import EQUAL_POINTS, gram, make_operator_and_gram, operator, own_cells
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
@@ -21,7 +21,7 @@ def symmetries(m):
 @pytest.mark.parametrize(("n", "m"), [(8, 4), (12, 8), (8, 7)])
 def test_the_worst_multiplier_attains_beta_and_is_symmetric(n, m):
     """1e-6: G is symmetric up to 1e-5 only, its mesh is not; of that the quotient sees the square."""
-    op, G = on("square", n, m)
+    op, G = make_operator_and_gram("square", n, m)
     for image in symmetries(m):
         assert_allclose(op.D[np.ix_(image, image)], op.D, rtol=0, atol=1e-13 * op.D.max())
     for mu in (worst_multiplier(op.D, G.lower), worst_multiplier(op.D, G.lower, symmetries(m))):
@@ -48,19 +48,21 @@ def test_where_beta_is_zero_it_spans_the_kernel(name):
 
 def test_the_worst_of_equally_bad_multipliers_is_the_symmetric_one():
     """D = 1, G = 1: every mu is; then the one that only the second symmetry turns into -mu made the worst."""
-    one = np.eye(8)
-    both = symmetries(2)
-    mu = worst_multiplier(one, one, both)
-    assert_allclose(mu[both[0]], mu, rtol=0, atol=1e-14)
-    assert_allclose(mu[both[1]], mu, rtol=0, atol=1e-14)
+    first = np.eye(8)
+    pair = symmetries(2)
+    mu = worst_multiplier(first, first, pair)
+    assert_allclose(mu[pair[0]], mu, rtol=0, atol=1e-14)
+    assert_allclose(mu[pair[1]], mu, rtol=0, atol=1e-14)
     odd = np.array([1.0, 2, -2, -1, 1, 2, -2, -1])
-    worst = worst_multiplier(one - 0.5 * np.outer(odd, odd) / (odd @ odd), one, both)
+    worst = worst_multiplier(first - 0.5 * np.outer(odd, odd) / (odd @ odd), first, pair)
     assert_allclose(worst, odd / 2, rtol=0, atol=1e-12)
 
 
 def test_the_worst_multiplier_of_a_single_class_is_the_eigenvector():
     rng = np.random.default_rng(1)
-    D, G = (X @ X.T + np.eye(6) for X in rng.standard_normal((2, 6, 6)))
+    X, Y = rng.standard_normal((2, 6, 6))
+    D = X @ X.T + np.eye(6)
+    G = Y @ Y.T + np.eye(6)
     expected = eigh(D, G)[1][:, 0]
     expected /= expected[np.abs(expected).argmax()]
     assert_allclose(worst_multiplier(D, G), expected, rtol=1e-10)
