@@ -261,7 +261,8 @@ def solve(
         kind=mesh,
         stop=stop or Stop(),
     )
-    if (goal.norm == "hm12" or goal.norm == "force" and not goal.sides) and not problem.contact_sides:
+    needs_contact = goal.norm == "hm12" or (goal.norm == "force" and not goal.sides)
+    if needs_contact and not problem.contact_sides:
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):

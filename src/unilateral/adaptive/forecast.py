@@ -216,7 +216,7 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
         target *= last.discrete_size / (1 + goal.accuracy)
     if target <= 0 or not math.isfinite(last.total):
         return math.inf
-    # the bound has to fall by the quotient: like n to minus a rate, or on uniform meshes like H^rate, n ~ H^{-2}
+    # the bound has to fall by the quotient: like n to minus a rate, on uniform meshes like H^rate, n ~ H^{-2}
     quotient = min(last.total / target, MAX_ERROR_QUOTIENT)
     if should_adapt(last) and goal.norm != "h1":
         return float(last.unknowns * quotient ** (1 / ADAPTED_RATES[goal.norm]))

@@ -99,7 +99,7 @@ class Level:
 
     @property
     def shares(self) -> Array:
-        """The parts of the triangles in what is to be small, (triangles,): the squared bound, or the force's."""
+        """The triangles' parts (triangles,) in what is to be small: the squared bound, or a force's."""
         return self.force.shares if self.force else self.solved.bound_shares
 
     def __repr__(self) -> str:
@@ -196,7 +196,7 @@ def select_consistent(levels: Sequence[Level]) -> list[Level]:
 
 
 def contradict(a: Level, b: Level) -> bool:
-    """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda, or a force.
+    """Whether two levels' bounds cannot both hold: for ||u||_1, a force, the integral of u or that of lambda.
 
     |int v| <= (|Omega| / c)^{1/2} ||v||, and |<mu, 1>| <= (c |Omega|)^{1/2} ||mu||_{-1/2}. Beside clamped
     sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.

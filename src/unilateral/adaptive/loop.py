@@ -325,7 +325,7 @@ def solve_next_level(
         # first by the norm of the last solution, as this one's is not known
         last = levels[-1]
         start = last.partition.means(last.solved.lambda_H, discrete.partition.points)[discrete.cells]
-        # a force is bounded by u's error, which falls by less than a half from level to level or not much more
+        # the interval of a force has u's error in it, which hardly falls by more than a half in a level
         u_total = last.solved.total_bound("h1") / 2
         total = u_total if goal.norm == "force" else max(last.target, predicted_total)
         if math.isfinite(total):

@@ -16,14 +16,14 @@ Let S_w bound the residual R_w(z) = (q_w - k grad w, grad z) + (div q_w - c w, z
     J <= (u_h, w) - (f, w) - <q, w> - <q_w.n, u_h - g> + X S_w + M G,
 
 where (u_h, w) is the form, q the given flux, and u_D stands for g on clamped sides. With -psi in the place of
-psi it is a bound from below (supplement, Proposition S20). X S_w is a product of two errors, and G ~ X^2.
+psi it is a bound from below (supplement, Proposition S22). X S_w is a product of two errors, and G ~ X^2.
 
 w is psi in contact, discretely harmonic elsewhere, and raised where v - g is too small for it. q_w is made by
 `equilibrate_flux` from w~ in V_h, which has the nodal flux s of w in contact, less what exceeds M sigma. For
 the bound from below M = 0 will do, as w <= 1 and s >= 0 by the maximum principle. For the one from above s is
-too large and w too small beside an end of contact, and what is taken from them leaves S_w^2 ~ h + 1 / M there.
-With X ~ h and G ~ h^2 the best M ~ h^{-2/3} makes that h^{4/3}. Where contact has no end, and w is in H^2, it
-is h^2. Nothing is assumed of w, w~ and M.
+too large and w too small beside an end of contact, and what is changed of them leaves S_w ~ M^{-1/2} there.
+With X ~ h and G ~ h^2 the best M ~ h^{-2/3} makes the distance h^{4/3}. Without an end of contact it is h^2.
+Nothing is assumed of w, w~ and M.
 """
 
 from __future__ import annotations
@@ -123,8 +123,9 @@ class _Primal(NamedTuple):
 
 
 class _ForceBound(NamedTuple):
-    """A bound from above on J for psi, the number near J that it is made of, and the parts (m,) of S_w^2."""
+    """A bound from above on J for psi and M, the number near J in it, and the parts (m,) of S_w^2."""
 
+    M: float
     upper: float
     estimate: float
     shares: Array
@@ -232,15 +233,18 @@ def _bound_from_above(primal: _Primal, psi: Array) -> _ForceBound:
     if not primal.G > 0:
         return best
     first_factor = FIRST_FACTOR_SHARE * primal.X * energy_norm(primal.data.mesh, w, primal.form) / primal.G
-    # from the first M up, and then down, as long as the bound falls
-    for step in (FACTOR_STEP, 1 / FACTOR_STEP):
+    # from the first M up, and from the one below down, as long as the bound falls; then between the best two
+    for step, start in ((FACTOR_STEP, 0), (1 / FACTOR_STEP, 1)):
         last = math.inf
-        for k in range(MAX_FACTOR_STEPS):
+        for k in range(start, MAX_FACTOR_STEPS):
             force_bound = _bound_for_factor(primal, psi, w, s, first_factor * step**k)
             best = min(best, force_bound, key=lambda candidate: candidate.upper)
             if last <= force_bound.upper < math.inf:
                 break
             last = force_bound.upper
+    for step in (math.sqrt(FACTOR_STEP), 1 / math.sqrt(FACTOR_STEP)) if best.M > 0 else ():
+        between = _bound_for_factor(primal, psi, w, s, best.M * step)
+        best = min(best, between, key=lambda candidate: candidate.upper)
     return best
 
 
@@ -283,7 +287,7 @@ def _bound_for_factor(primal: _Primal, psi: Array, w: Array, s: Array, M: float)
     # psi - w <= M (v - g), s <= M sigma
     raised = _raise_to_psi(primal, psi, w, M)
     if raised is None:
-        return _ForceBound(math.inf, 0.0, np.zeros(len(mesh.triangles)))
+        return _ForceBound(M, math.inf, 0.0, np.zeros(len(mesh.triangles)))
     has_multiplier = form.has_multiplier(mesh.side)
     s_left = np.where(has_multiplier[:, None], np.minimum(s, M * primal.sigma), 0.0)
     w_tilde = w
@@ -302,7 +306,7 @@ def _bound_for_factor(primal: _Primal, psi: Array, w: Array, s: Array, M: float)
     estimate = float(primal.residual @ raised) - gap_pairing
     error = _bound_pairing_error(primal, raised) + gap_error
     upper = estimate + error + _bound_error_residual(primal, residual) + M * primal.G
-    return _ForceBound(upper, estimate, residual.shares())
+    return _ForceBound(M, upper, estimate, residual.shares())
 
 
 def _raise_to_psi(primal: _Primal, psi: Array, w: Array, M: float) -> Array | None:

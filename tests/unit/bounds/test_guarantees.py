@@ -21,6 +21,7 @@ from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.bounds import source
 from unilateral.bounds.clamped_ends import no_reactions
+from unilateral.bounds.dual_forces import enclose_force
 from unilateral.bounds.forces import bound_forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -49,6 +50,7 @@ MADE_TO_FOOL = [
 BY_HAND = [(*of, crude) for of in CASES for crude in CRUDE]
 WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
 ALL = [*WITHOUT_CORNERS, *CORNERS]
+BY_DUALITY = [*OF_FORMULAS, *FLUXES] if FUZZ else [BY_HAND[0], BY_HAND[1], *OF_FORMULAS[:3], *FLUXES[:2]]
 CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
 
 
@@ -169,6 +171,34 @@ def forces_outside(one, share=1.0):
 def test_no_force_lies_outside(one):
     """Over the whole boundary and over each side."""
     assert not forces_outside(one)
+
+
+def forces_outside_by_duality(one, share=1.0):
+    """Exact forces outside the intervals of `enclose_force`; the `share` is of the bounds X and G."""
+    wrong = []
+    for trial, of in zip(one.trials, one.pressed, strict=False):
+        bound = local_bound(*trial.given)
+        ends = bound.clamped_ends
+        ends = ends._replace(gamma_force_bound=share * ends.gamma_force_bound)
+        bound = replace(bound, u=share * bound.u, clamped_ends=ends)
+        for part, (least, most) in zip(of.parts, of.exact, strict=True):
+            force = enclose_force(*trial.given, bound, part)
+            if force.upper < least or force.lower > most:
+                wrong.append((part, force[:3], least, most))
+    return wrong
+
+
+@of_each(BY_DUALITY)
+def test_no_force_lies_outside_its_interval_by_duality(one):
+    """Whatever u_h and lambda_H are; the trials and the exact forces are those of the same meshes."""
+    assert one.pressed
+    assert not forces_outside_by_duality(one)
+
+
+@of_each([("natural", "square", None), ("formula", 4)])
+def test_a_force_outside_its_interval_by_duality_is_noticed(one):
+    """Control: without the errors' product, exact forces lie outside."""
+    assert forces_outside_by_duality(one, share=0.0)
 
 
 @of_each(CONTROLS)
