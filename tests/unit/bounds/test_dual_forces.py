@@ -13,7 +13,10 @@ from hand_made import exact_forces
 
 import unilateral as ul
 from unilateral.bounds import dual_forces
+from unilateral.bounds.boundary_flux import no_given_flux
 from unilateral.bounds.dual_forces import enclose_force
+from unilateral.bounds.flux_residuals import residual_parts
+from unilateral.bounds.source import zero_source
 
 SEAL = {
     "polygon": [[0, 0], [0.6, 0], [0.6, 0.4], [0, 0.4]],
@@ -63,21 +66,26 @@ def test_a_bound_of_zero_on_the_error_is_noticed():
     assert not bounds.lower <= exact <= bounds.upper
 
 
+def problem_in_closed_form(c, u_D):
+    """u = x^2 + u_D(y) on the unit square: du/dn = 2 on side 1 in contact, 0 on side 3, which is clamped.
+
+    The flux is given on the sides between.
+    """
+    u = f"x**2 + {u_D}"
+    curved = u_D != "0"
+    slope = "3*cos(3*y)/5" if curved else "0"
+    f = f"-2 + {'9*sin(3*y)/5' if curved else '0'} + {c}*({u})"
+    flux = [f"-({slope})", None, slope, None]
+    return ul.Problem(
+        [[0, 0], [1, 0], [1, 1], [0, 1]], f, [None, u, None, None], [0, 2], c=c, q=flux, u={3: u}
+    )
+
+
 @pytest.mark.parametrize("c", ["0", "1"])
 @pytest.mark.parametrize("u_D", ["0", "sin(3*y)/5"])
 def test_reactions_and_forces_of_a_u_in_closed_form_lie_inside(c, u_D):
-    """u = x^2 + u_D(y) on the unit square, with du/dn = 2 on side 1 in contact, and clamped at x = 0.
-
-    The flux is given on the sides between. There is no force but on side 1, where it is 2, and the reaction
-    on side 3 is 0. u_D is not linear: u_h differs from it on the clamped side.
-    """
-    u = f"x**2 + {u_D}"
-    f = f"-2 + {'9*sin(3*y)/5' if u_D != '0' else '0'} + {c}*({u})"
-    slope = "3*cos(3*y)/5" if u_D != "0" else "0"
-    flux = [f"-({slope})", None, slope, None]
-    problem = ul.Problem(
-        [[0, 0], [1, 0], [1, 1], [0, 1]], f, [None, u, None, None], [0, 2], c=c, q=flux, u={3: u}
-    )
+    """The force is 2, the reaction 0. Where u_D is not linear u_h differs from it on the clamped side."""
+    problem = problem_in_closed_form(c, u_D)
     widths = []
     for n in (8, 16):
         s = ul.solve(problem, h=1 / n, H=2 / n)
@@ -104,34 +112,110 @@ def test_the_interval_falls_at_the_order_of_theory(name, order):
     assert min(rates) >= order - 0.15
 
 
-def test_w_is_at_least_psi_less_what_the_gap_allows_and_s_at_most_what_sigma_allows(monkeypatch):
-    """The two conditions of Proposition S22, at points between those that the program looks at."""
+def test_w_is_at_least_psi_less_what_the_gap_allows(monkeypatch):
+    """psi - w <= M (v - g) of Proposition S22, at points between those that the program looks at."""
     s = ul.solve("natural", h=1 / 16, H=1 / 8)
-    raised = []
-    raise_to_psi = dual_forces._raise_to_psi
+    calls = record_calls(monkeypatch, "_raise_to_psi")
+    interval(s, [0, 1])
+    assert len(calls) > 4
+    places = np.linspace(0, 1, 33)
+    lengths = np.diff(s.mesh.s)[:, None]
+    arc = s.mesh.s[:-1, None] + places * lengths
+    side = np.repeat(s.mesh.side, len(places))
+    trace, _, gap = s.problem.exact.trace_flux_and_gap(side, arc.ravel() - s.polygon.starts[side])
+    g = (trace - gap).reshape(arc.shape)
+    for (primal, psi, _, M), w in calls:
+        start = w[s.mesh.boundary][:, None]
+        end = np.roll(start, -1, axis=0)
+        v, middle = np.split(primal.v_trace, 2)
+        bubble = (middle - 0.5 * (v + np.roll(v, -1)))[:, None]
+        v_values = v[:, None] * (1 - places) + np.roll(v, -1)[:, None] * places
+        v_values += 4 * bubble * places * (1 - places)
+        lacking = psi[:, None] - start * (1 - places) - end * places
+        # 1e-9 is for g, which is u less the gap here
+        assert np.all(lacking <= M * np.maximum(v_values - g, 0.0) + 1e-9 * (1 + M))
 
-    def recorded(primal, psi, w, M):
-        result = raise_to_psi(primal, psi, w, M)
-        raised.append((primal, psi, M, result))
+
+def test_s_is_at_most_what_sigma_allows(monkeypatch):
+    """s <= M sigma of Proposition S22, for the flux that is equilibrated."""
+    s = ul.solve("natural", h=1 / 16, H=1 / 8)
+    fluxes = record_calls(monkeypatch, "equilibrate_source")
+    factors = record_calls(monkeypatch, "_bound_for_factor")
+    interval(s, [0, 1])
+    assert len(fluxes) == len(factors) > 4
+    for (_, _, flux, _), ((primal, _, _, _, M), _) in zip(
+        (arguments for arguments, _ in fluxes), factors, strict=True
+    ):
+        assert np.all(flux <= M * primal.sigma)
+
+
+def record_calls(monkeypatch, name):
+    """The arguments and results of the calls of a function of `dual_forces` from now on."""
+    calls = []
+    function = getattr(dual_forces, name)
+
+    def record(*arguments):
+        result = function(*arguments)
+        calls.append((arguments, result))
         return result
 
-    monkeypatch.setattr(dual_forces, "_raise_to_psi", recorded)
-    interval(s, [0, 1])
-    boundary = s.mesh.boundary
-    t = np.linspace(0, 1, 33)
-    for primal, psi, M, w in raised:
-        nodes = len(boundary)
-        v, middle = np.split(primal.v_trace, 2)
-        bubble = middle - 0.5 * (v + np.roll(v, -1))
-        for edge in range(nodes):
-            start, end = w[boundary[edge]], w[boundary[(edge + 1) % nodes]]
-            w_values = start * (1 - t) + end * t
-            v_values = v[edge] * (1 - t) + v[(edge + 1) % nodes] * t + 4 * bubble[edge] * t * (1 - t)
-            place = s.mesh.s[edge] + t * (s.mesh.s[edge + 1] - s.mesh.s[edge])
-            side = s.mesh.side[edge]
-            trace, _, gap = s.problem.exact.trace_flux_and_gap(side, place - s.polygon.starts[side])
-            gap = np.maximum(v_values - (trace - gap), 0.0)
-            assert np.all(psi[edge] - w_values <= M * gap + 1e-9 * (1 + M))
+    monkeypatch.setattr(dual_forces, name, record)
+    return calls
+
+
+def enclosed_with(s, **fields):
+    """The widths of the interval of the force on side 1, before and after fields of the data are changed."""
+    solved = s.bounded
+    before = interval(s, [1])
+    data = replace(solved.data, **fields)
+    after = enclose_force(
+        data, solved.partition, solved.u_h, solved.lambda_H, solved.form, solved.local_bound, [1]
+    )
+    return before.upper - before.lower, after.upper - after.lower
+
+
+def test_what_the_enclosure_of_f_leaves_is_in_the_interval():
+    """E_T = e on every triangle adds e times the sum of |T|^{1/2} to both sides, as |w| is near 1 at most.
+
+    The bound X is not changed. w is at least 1/4 on a quarter of the square.
+    """
+    s = ul.solve("full_contact", h=1 / 8, H=1 / 4)
+    source = s.bounded.data.source
+    e = 0.01
+    roots = float(np.sqrt(s.mesh.areas).sum())
+    before, after = enclosed_with(s, source=replace(source, remainder=source.remainder + e))
+    assert 2 * e * roots / 16 < after - before < 2 * e * roots * 1.01
+
+
+def test_what_the_enclosure_of_g_leaves_is_in_the_interval():
+    """An error e of g counts times the integral of |q_w.n|, at least that of w = 1 on the whole boundary."""
+    s = ul.solve("full_contact", h=1 / 8, H=1 / 4)
+    constraint = s.bounded.data.constraint
+    before, after = enclosed_with(s, constraint=replace(constraint, remainder=constraint.remainder + 1e-4))
+    assert after - before > 1e-5
+
+
+def test_what_the_enclosure_of_a_given_flux_leaves_is_in_the_interval():
+    """Bounds r on the integrals of rho over 16 edges of free sides, where w is at least 0.1."""
+    s = ul.solve(problem_in_closed_form("1", "0"), h=1 / 8, H=1 / 4)
+    flux = s.bounded.data.given_flux
+    free = np.isin(s.mesh.side, [0, 2])
+    integrals = flux.remainder_integrals + 0.01 * free
+    before, after = enclosed_with(s, given_flux=flux._replace(remainder_integrals=integrals))
+    assert after - before > 2 * 0.01 * 16 * 0.1
+
+
+def test_what_u_h_misses_of_u_D_is_in_the_bound():
+    """|R_w(u - u_h)| has a part for y: without it the bound is eta S_w."""
+    s = ul.solve(problem_in_closed_form("0", "sin(3*y)/5"), h=1 / 8, H=1 / 4)
+    solved = s.bounded
+    bound = solved.local_bound
+    primal = dual_forces._collect_primal(
+        solved.data, solved.partition, solved.u_h, solved.lambda_H, solved.form, bound
+    )
+    residual = residual_parts(zero_source(s.mesh), no_given_flux(s.mesh), s.u, solved.flux, solved.form)
+    _, S = residual.dual_norms()
+    assert dual_forces._bound_error_residual(primal, residual) > bound.eta * S * (1 + 1e-6)
 
 
 def test_an_accuracy_of_a_force_is_certified_on_fewer_unknowns_than_by_the_energy():
