@@ -205,6 +205,25 @@ def test_what_the_enclosure_of_a_given_flux_leaves_is_in_the_interval():
     assert after - before > 2 * 0.01 * 16 * 0.1
 
 
+def test_a_constant_added_to_u_h_changes_no_estimate():
+    """q_w is nearly in equilibrium: (t, w) - <q_w.n, t> is - R_w(t). The bound of the first u_h is taken.
+
+    Without the gap the estimate would change by t (1, w), which is above t / 4.
+    """
+    s = ul.solve("natural", h=1 / 16, H=1 / 8)
+    solved = s.bounded
+    t = 1e-5
+    bound = solved.local_bound
+    sides = [0, 1, 2, 3]
+    before = enclose_force(
+        solved.data, solved.partition, solved.u_h, solved.lambda_H, solved.form, bound, sides
+    )
+    after = enclose_force(
+        solved.data, solved.partition, solved.u_h + t, solved.lambda_H, solved.form, bound, sides
+    )
+    assert abs(after.value - before.value) < 0.05 * t
+
+
 def test_what_u_h_misses_of_u_D_is_in_the_bound():
     """|R_w(u - u_h)| has a part for y: without it the bound is eta S_w."""
     s = ul.solve(problem_in_closed_form("0", "sin(3*y)/5"), h=1 / 8, H=1 / 4)
