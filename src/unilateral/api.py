@@ -36,6 +36,7 @@ from unilateral.problems.named import case, find_problem, load
 from unilateral.problems.problem_file import load_polygon
 from unilateral.problems.reading import Given
 from unilateral.solution import certification
+from unilateral.solution.forces import read_force_sides
 from unilateral.solution.shortfalls import warn_of_shortfalls
 from unilateral.solution.sizes import MESH_KINDS, Size, check_mesh_kind, mesh_problem, read_optional_number
 from unilateral.solution.solution import Solution
@@ -166,6 +167,7 @@ def solve(
     accuracy: Size | None = None,
     *,
     norm: str = "h1",
+    sides: Sequence[int] | None = None,
     mesh: Mesh | str = "",
     stop: Stop | None = None,
     max_unknowns: float | None = None,
@@ -187,7 +189,9 @@ def solve(
     `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
 
     An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}. It is relative to that norm
-    of the solution; if it is `absolute`, it is the largest error itself. It is certified by the cheap bound
+    of the solution; if it is `absolute`, it is the largest error itself. With `norm` "force" it is half of
+    the width of the interval of the force over the `sides`, over that force: over all sides with contact by
+    default, and with the reactions on clamped ones. It is certified by the cheap bound
     on u, or by the `sharp` one; lambda takes the sharp one. The solution's `certified` says whether it was
     reached within `max_unknowns`, `max_seconds` (by default 600) and `max_memory` MB (by default what is
     free). A limit that is given is used up if need be; without one the search ends as soon as the accuracy is
@@ -227,7 +231,8 @@ def solve(
     # on given sizes
     if accuracy is None:
         other_norm = not (isinstance(norm, str) and norm == GOAL_NORMS[0])
-        _refuse_accuracy_options(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
+        flags = {"absolute": absolute, "dry_run": dry_run, "norm": other_norm, "sides": sides is not None}
+        _refuse_accuracy_options(limits, **flags)
         stop = stop or Stop()
         problem, triangulation, partition = mesh_problem(problem, h, H, mesh, stop)
         solution = Solution(problem, solve_on_mesh(problem, triangulation, partition, stop))
@@ -249,13 +254,15 @@ def solve(
     goal = Goal(
         accuracy,
         norm,
+        _read_goal_sides(problem, norm, sides),
         **{name: read_optional_number(name, limit) for name, limit in limits.items()},
         sharp=sharp or norm == "hm12",
         absolute=absolute,
         kind=mesh,
         stop=stop or Stop(),
     )
-    if goal.norm == "hm12" and not problem.contact_sides:
+    needs_contact = goal.norm == "hm12" or (goal.norm == "force" and not goal.sides)
+    if needs_contact and not problem.contact_sides:
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
@@ -349,6 +356,24 @@ def _as_problem(problem_or_name: object) -> problems.Problem:
             "ul.load(path)"
         )
     return problem
+
+
+def _read_goal_sides(problem: problems.Problem, norm: str, sides: Sequence[int] | None) -> tuple[int, ...]:
+    """The sides whose force an accuracy is for: those that are given, or all with contact; () for a norm.
+
+    Raises InputError for sides that have no force.
+    """
+    if norm != "force" and sides is None:
+        return ()
+    if norm != "force":
+        raise InputError("sides is only for the norm 'force'; leave it out")
+    if sides is None:
+        return tuple(problem.contact_sides)
+    numbers = read_force_sides(sides, problem.polygon.n_sides, problem.clamped_sides)
+    with_force = tuple(side for side in numbers if side not in problem.free_sides)
+    if not with_force:
+        raise InputError(f"sides {numbers} are free sides, where the flux is given; name others")
+    return with_force
 
 
 def _refuse_accuracy_options(limits: Mapping[str, Size | None], **flags: bool) -> None:

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from unilateral.errors import InputError, quote_input
 from unilateral.solvers.stop import Stop
 
-GOAL_NORMS = ("h1", "hm12")
-"""The norms of an accuracy: that of u in H1, and that of lambda in H^{-1/2}."""
+ERROR_NORMS = ("h1", "hm12")
+"""The norms of errors that have bounds: that of u in H1, and that of lambda in H^{-1/2}."""
+GOAL_NORMS = (*ERROR_NORMS, "force")
+"""What an accuracy may be one of: these norms, and the force over some sides."""
 DEFAULT_ACCURACY = 0.05
 """The relative error to reach where neither sizes nor an accuracy are given."""
 DEFAULT_MAX_SECONDS = 600.0
@@ -25,7 +27,7 @@ class Goal:
     accuracy
         The error to reach: relative to the norm of the solution, unless it is `absolute`.
     norm
-        "h1" of u, or "hm12" of lambda.
+        "h1" of u, "hm12" of lambda, or "force", the half-width of the interval of the force over the `sides`.
     max_unknowns, max_seconds, max_memory : optional
         Limits: unknowns of the finest mesh, seconds in all, MB of the process. A limit that is given is used
         up. If none is, the loop ends as soon as the accuracy is out of reach.
@@ -44,6 +46,7 @@ class Goal:
 
     accuracy: float
     norm: str = "h1"
+    sides: tuple[int, ...] = ()
     max_unknowns: float | None = None
     max_seconds: float | None = None
     max_memory: float | None = None

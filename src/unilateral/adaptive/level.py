@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import Goal
+from unilateral.arrays import Array
+from unilateral.bounds.dual_forces import ForceInterval
 from unilateral.bounds.local_bounds import Bound
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.discrete.solution import DiscreteSolution
@@ -44,8 +46,10 @@ class Level:
         The multiplier's partition, and the number of the mesh's nodes.
     bound
         The guaranteed bounds that the goal takes, None without data.
+    force
+        The interval of the force, for a goal of one.
     total
-        The guaranteed bound on the error in the goal's norm.
+        The guaranteed bound on the error in the goal's norm; of a force half of the width of its interval.
     algebraic
         The bound on the iteration's part of the error in that norm.
     size
@@ -74,6 +78,7 @@ class Level:
     partition: Partition
     unknowns: int
     bound: Bound | None
+    force: ForceInterval | None
     total: float
     algebraic: float
     size: float
@@ -87,6 +92,16 @@ class Level:
     next_unknowns: float = 0.0
     next_seconds: float = 0.0
 
+    @property
+    def discrete_size(self) -> float:
+        """The norm of the discrete solution in the goal's norm; of a force the size of its value."""
+        return abs(self.force.value) if self.force else discrete_norm(self.solved, self.goal)
+
+    @property
+    def shares(self) -> Array:
+        """The triangles' parts (triangles,) in what is to be small: the squared bound, or a force's."""
+        return self.force.shares if self.force else self.solved.bound_shares
+
     def __repr__(self) -> str:
         error = format_interval(-math.inf, self.total, spec=".3g")
         return f"Level: {self.unknowns} unknowns, the error is {error}"
@@ -95,10 +110,11 @@ class Level:
 def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float = math.inf) -> Level:
     """The level of a solution: its bound is computed here, and judged by the goal."""
     mesh = solved.mesh
-    total = solved.total_bound(goal.norm, goal.sharp)
-    algebraic = solved.algebraic_bound(goal.norm)
-    size = solved.norm_lower_bound(goal.norm, goal.sharp)
-    target = target_error(goal, size, discrete_norm(solved, goal))
+    force = solved.enclose_force(goal.sides) if goal.norm == "force" else None
+    total, size = bound_error(solved, goal, force)
+    # the interval of a force has all that the iteration leaves
+    algebraic = 0.0 if force else solved.algebraic_bound(goal.norm)
+    target = target_error(goal, size, abs(force.value) if force else discrete_norm(solved, goal))
     # No bound is below what underflow adds to it, even where u_h = 0 is the solution
     zero_solution_error = max(
         ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form)
@@ -117,6 +133,7 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
         partition=solved.partition,
         unknowns=mesh.n_nodes,
         bound=solved.bound(goal.sharp),
+        force=force,
         total=total,
         algebraic=algebraic,
         size=size,
@@ -124,6 +141,16 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
         zero_solution_error=zero_solution_error,
         certified=certified,
     )
+
+
+def bound_error(solved: DiscreteSolution, goal: Goal, force: ForceInterval | None) -> tuple[float, float]:
+    """The guaranteed bound on the error in the goal's norm, and a lower bound on the solution's norm.
+
+    For a force they are half of the width of its interval, and a lower bound on its size.
+    """
+    if force:
+        return 0.5 * (force.upper - force.lower), max(force.lower, -force.upper, 0.0)
+    return solved.total_bound(goal.norm, goal.sharp), solved.norm_lower_bound(goal.norm, goal.sharp)
 
 
 def judge_for_goal(level: Level, goal: Goal) -> Level:
@@ -154,7 +181,12 @@ def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:
 
 
 def is_limited_by_data(level: Level) -> bool:
-    """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
+    """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted.
+
+    It is part of an error in a norm; in the interval of a force it is multiplied by another error.
+    """
+    if level.force:
+        return False
     return level.bound is not None and level.bound.irreducible_remainder > level.target > 0
 
 
@@ -164,11 +196,13 @@ def select_consistent(levels: Sequence[Level]) -> list[Level]:
 
 
 def contradict(a: Level, b: Level) -> bool:
-    """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda.
+    """Whether two levels' bounds cannot both hold: for ||u||_1, a force, the integral of u or that of lambda.
 
     |int v| <= (|Omega| / c)^{1/2} ||v||, and |<mu, 1>| <= (c |Omega|)^{1/2} ||mu||_{-1/2}. Beside clamped
     sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
+    if a.force and b.force and not (a.force.lower <= b.force.upper and b.force.lower <= a.force.upper):
+        return True
     form = a.solved.form
     # |int v| <= u_factor ||v||, |<mu, 1>| <= lambda_factor ||mu||_{-1/2}
     u_factor = math.inf
@@ -203,12 +237,12 @@ def find_fault(levels: Sequence[Level]) -> str:
     if last.certified:
         return ""
     # an error relative to lambda is wanted, but lambda_H is 0 on a mesh that is not coarse
-    if last.target == 0 and last.goal.norm == "hm12" and last.unknowns >= MIN_CONTACT_UNKNOWNS:
+    if last.target == 0 and last.goal.norm != "h1" and last.unknowns >= MIN_CONTACT_UNKNOWNS:
         return WITHOUT_CONTACT
     # where the algebraic error hardly counts, finer meshes do help
     if not last.solved.result.converged and last.algebraic > ALGEBRAIC_SHARE * last.total:
         return ITERATION_NOT_CONVERGED
     if last.bound is None or not is_limited_by_data(last):
         return ""
-    rounding = ROUNDING_SHARE * discrete_norm(last.solved, last.goal)
+    rounding = ROUNDING_SHARE * last.discrete_size
     return NOT_ENCLOSED if last.bound.irreducible_remainder > rounding else BELOW_ROUNDING

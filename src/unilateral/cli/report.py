@@ -50,7 +50,7 @@ def format_head(record: dict[str, Any]) -> str:
 
 def name_errors(problem: Problem) -> NormNames:
     """The names of the errors that are bounded."""
-    return NormNames(name_energy_norm(problem, "u - u_h"), "||lambda - lambda_H||_-1/2")
+    return NormNames(name_energy_norm(problem, "u - u_h"), "||lambda - lambda_H||_-1/2", "error of the force")
 
 
 class ForceRow(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 
 from unilateral import api
 from unilateral.adaptive import loop
-from unilateral.adaptive.goal import DEFAULT_ACCURACY, GOAL_NORMS
+from unilateral.adaptive.goal import DEFAULT_ACCURACY, ERROR_NORMS
 from unilateral.adaptive.level import Level
 from unilateral.adaptive.loop import BOUNDS_WITHDRAWN, Search
 from unilateral.certificates.export import CERTIFICATE_ENDINGS, find_checker
@@ -86,6 +86,7 @@ def run_solve(options: SimpleNamespace) -> int:
         options.H,
         options.accuracy,
         norm=options.norm,
+        sides=options.sides,
         mesh=_read_mesh_or_kind(options.mesh, problem),
         stop=Stop(**stop_options),
         max_unknowns=options.max_unknowns,
@@ -224,7 +225,7 @@ def report_solution(
         return record, interrupted
     _print_norms(solution, record)
     norms_below = {
-        norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in GOAL_NORMS
+        norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in ERROR_NORMS
     }
     print_result(format_result(record, bounds, norms_below, forces, doubt, solution.problem))
     if bounds and not (search or errors or solution.solved.is_foreign) and is_too_coarse(solution, bounds):

@@ -22,7 +22,7 @@ from unilateral.cli.arguments import (
 from unilateral.solvers.stop import ALGORITHMS, Stop
 from unilateral.system.optional import require
 
-ACCURACY_OPTIONS = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "max_memory"}
+ACCURACY_OPTIONS = {"absolute", "dry_run", "norm", "sides", "max_unknowns", "max_seconds", "max_memory"}
 """The options that only an accuracy has."""
 MESH_KIND_NAMES = ("structured", "unstructured")
 """The kinds of meshes that are made; any other --mesh is a file."""
@@ -75,7 +75,14 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--norm",
     type=click.Choice(GOAL_NORMS),
     default=GOAL_NORMS[0],
-    help="with --accuracy: the error of u in H1 (default), or that of lambda in H^(-1/2)",
+    help="with --accuracy: the error of u in H1 (default), that of lambda in H^(-1/2), or that of a force",
+)
+@click.option(
+    "--sides",
+    type=parse_sides,
+    metavar="0,2",
+    help="with --norm force: the sides whose force is meant, with the reactions on clamped ones "
+    "(default: all with contact)",
 )
 @click.option(
     "--max-unknowns",
@@ -183,6 +190,8 @@ def _check_alternatives(
         why = "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         ctx.fail(f"--{name.replace('_', '-')} {why}")
+    if options["sides"] and options["norm"] != "force":
+        ctx.fail("--sides is only for --norm force")
     if options["dry_run"] and {"output", "out", "certificate"} & given_options:
         ctx.fail(
             "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"

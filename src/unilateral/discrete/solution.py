@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import build_normal_flux
+from unilateral.bounds.dual_forces import ForceInterval, enclose_force
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.local_bounds import Bound, equilibrate_source, local_bound
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
@@ -119,6 +120,14 @@ class DiscreteSolution:
     def bound_shares(self) -> Array:
         """Shares (m,) of the triangles in the square of the cheap bound on ||u - u_h||_1; 0 without data."""
         return self.local_bound.shares if self.local_bound else np.zeros(len(self.mesh.triangles))
+
+    def enclose_force(self, sides: Sequence[int]) -> ForceInterval | None:
+        """The force over sides, with reactions on clamped ones, by the cheap bound; None without data."""
+        if self.data is None or self.local_bound is None:
+            return None
+        return enclose_force(
+            self.data, self.partition, self.u_h, self.lambda_H, self.form, self.local_bound, sides
+        )
 
     def total_bound(self, norm: str, sharp: bool = False) -> float:
         """The bound on ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
 
 class NormNames(NamedTuple):
-    """Names of the energy norm of u, or of its error, and of the dual norm of lambda, or of its error."""
+    """Names of the energy norm of u, the dual norm of lambda, and the size of a force, or of their errors."""
 
     h1: str
     hm12: str
+    force: str
 
 
 def name_energy_norm(problem: Problem, function: str) -> str:
@@ -35,7 +36,7 @@ def name_energy_norm(problem: Problem, function: str) -> str:
 
 def name_solution_norms(problem: Problem) -> NormNames:
     """Names of the norms of u and of lambda, to which accuracies are relative."""
-    return NormNames(name_energy_norm(problem, "u"), "||lambda||_-1/2")
+    return NormNames(name_energy_norm(problem, "u"), "||lambda||_-1/2", "|force|")
 
 
 @dataclass(frozen=True)

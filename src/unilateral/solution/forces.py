@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from unilateral.bounds.clamped_ends import ReactionData, no_clamped_ends
+from unilateral.bounds.dual_forces import ForceInterval
 from unilateral.bounds.forces import Force, bound_forces
 from unilateral.errors import InputError
 from unilateral.formulas.decimals import add_guarantee, format_interval, has_bound
@@ -101,13 +102,21 @@ def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) 
     clamped = solution.problem.clamped_sides
     if sides is None:
         return _bound_forces(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
-    side_numbers = arguments.as_side_numbers(sides, n, "sides")
-    for row in group_adjacent_sides(n, clamped):
+    return _bound_forces(solution, sharp, [read_force_sides(sides, n, clamped)])[0]
+
+
+def read_force_sides(sides: Sequence[int], n_sides: int, clamped: Sequence[int]) -> list[int]:
+    """The numbers of the sides of a force.
+
+    Raises InputError for what is no list of sides, and for a part of clamped sides in a row.
+    """
+    side_numbers = arguments.as_side_numbers(sides, n_sides, "sides")
+    for row in group_adjacent_sides(n_sides, clamped):
         if 0 < len({*row} & {*side_numbers}) < len(row):
             raise InputError(
                 f"sides {side_numbers}: the clamped sides {row} are in a row; take all or none of them"
             )
-    return _bound_forces(solution, sharp, [side_numbers])[0]
+    return side_numbers
 
 
 def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]]) -> list[Force]:
@@ -133,4 +142,21 @@ def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]])
         )
     # E of `bounds.forces`: |<lambda - lambda_H, w>| <= E N(w)
     error = bounds.multiplier if bounds else math.inf
-    return bound_forces(solved.mesh, solved.partition, solved.lambda_H, error, side_groups, clamps)
+    forces = bound_forces(solved.mesh, solved.partition, solved.lambda_H, error, side_groups, clamps)
+    level = solution.search.best if solution.search else None
+    if level is None or level.force is None:
+        return forces
+    # the force that an accuracy was asked for lies in its own interval, too
+    interval = level.force
+    not_free = [[side for side in group if side not in form.free] for group in side_groups]
+    return [
+        _intersect(force, interval) if {*group} == {*level.goal.sides} else force
+        for group, force in zip(not_free, forces, strict=True)
+    ]
+
+
+def _intersect(force: Force, interval: ForceInterval) -> Force:
+    """The force between the nearer ones of the bounds, with the value of the `interval`."""
+    lower = max(force.lower, interval.lower)
+    upper = min(force.upper, interval.upper)
+    return Force(min(max(interval.value, lower), upper), lower, upper)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unilateral.adaptive.goal import ERROR_NORMS
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_memory_mb
 from unilateral.formulas.decimals import add_guarantee, format_interval, format_up
@@ -139,7 +140,8 @@ def describe_accuracy(solution: Solution) -> str:
     """
     search = solution.search
     goal = search.best.goal if search else None
-    norm, sharp = (goal.norm, goal.sharp) if goal else ("h1", False)
+    sharp = goal.sharp if goal else False
+    norm = goal.norm if goal and goal.norm in ERROR_NORMS else "h1"
     if search is None and bound_memory_mb(solution.mesh, sharp) > available_mb():
         return ""
     bounded = solution.bounded

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import platform
-from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -50,13 +49,15 @@ def make_solution_record(
     partition = solved.partition
     contact = solution.contact
     norm = goal.norm if goal else "h1"
+    goal_names = ("accuracy", "norm", "absolute") + (("sides",) if norm == "force" else ())
+    total_bounds = {"h1": bounds.u, "hm12": bounds.multiplier} if bounds else {}
     bounds_or_nan = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= MAX_NODES_FOR_BETA else math.nan
     # ||lambda_H - its exact value||_-1/2,h, by Proposition 7; by (3.4) over beta it is one in H^(-1/2)
     algebraic = math.nan if solved.is_foreign else result.bound
     return {
         "problem": solution.problem.name,
-        "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
+        "goal": {name: getattr(goal, name) for name in goal_names} if goal else None,
         "norm": norm,
         "certified": solution.certified,
         "ended": search.ended or None if search and not search.certified else None,
@@ -90,7 +91,7 @@ def make_solution_record(
         "h1_relative_bound": bounds_or_nan.relative_u,
         "hm12_relative_bound": bounds_or_nan.relative_multiplier,
         "enclosure": bounds_or_nan.unknown,
-        "total_bound": bounds_or_nan.multiplier if norm == "hm12" else bounds_or_nan.u,
+        "total_bound": search.best.total if search and norm == "force" else total_bounds.get(norm, math.nan),
         "levels": [make_level_record(level) for level in search.levels] if search else [],
         "contact": {
             "full": contact.full,
