@@ -271,6 +271,6 @@ def test_a_reaction_has_an_accuracy_too():
     ],
 )
 def test_what_does_not_fit_a_force_is_refused(changes, message):
-    given = {"accuracy": 0.1} | changes
+    arguments = {"accuracy": 0.1} | changes
     with pytest.raises(ul.InputError, match=message):
-        ul.solve(ul.Problem(**SEAL), **given)
+        ul.solve(ul.Problem(**SEAL), **arguments)
