@@ -39,21 +39,21 @@ def init_command(file: str) -> None:
 
 @click.command(
     epilog=format_examples(
-        "unilateral init my_problem.yaml", "unilateral check my_problem.yaml --out my_problem.svg"
+        "unilateral init my_problem.yaml", "unilateral check my_problem.yaml -o my_problem.svg"
     )
 )
 @click.argument("file", type=FILE_TYPE, help="a YAML file that declares a problem")
 @click.option(
-    "--out", type=FILE_TYPE, metavar="PICTURE", help="a .svg, .png or .pdf file in which it is drawn"
+    "-o", "--output", type=FILE_TYPE, metavar="FILE", help="draw it: a .svg, .png or .pdf file"
 )
-def check_command(file: str, out: str | None) -> None:
+def check_command(file: str, output: str | None) -> None:
     """Show how a problem file is read, before anything is solved."""
     from unilateral.cli import init_check
     from unilateral.system.files import format_file_size
 
-    print_result(init_check.describe_problem_file(file, out))
-    if out is not None:
-        print_result(f"  written     {out}, {format_file_size(out)}")
+    print_result(init_check.describe_problem_file(file, output))
+    if output is not None:
+        print_result(f"  written     {output}, {format_file_size(output)}")
 
 
 @click.command(

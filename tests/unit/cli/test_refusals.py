@@ -69,7 +69,7 @@ OWN = [
     "solve natural --h 0,5 --H 1",
     "check natural",
     "check none.yaml",
-    f"check {SHELTER} --out a.txt",
+    f"check {SHELTER} -o a.txt",
     "cases --format python",
     "cases --side 1",
     "cases natural --polygon lshape",
