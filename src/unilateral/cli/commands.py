@@ -43,9 +43,7 @@ def init_command(file: str) -> None:
     )
 )
 @click.argument("file", type=FILE_TYPE, help="a YAML file that declares a problem")
-@click.option(
-    "-o", "--output", type=FILE_TYPE, metavar="FILE", help="draw it: a .svg, .png or .pdf file"
-)
+@click.option("-o", "--output", type=FILE_TYPE, metavar="FILE", help="draw it: a .svg, .png or .pdf file")
 def check_command(file: str, output: str | None) -> None:
     """Show how a problem file is read, before anything is solved."""
     from unilateral.cli import init_check

@@ -191,7 +191,9 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         axes.annotate(
             str(side), ends.mean(axis=0), offset, textcoords="offset points", ha="center", va="center"
         )
-    title = f"{source_text}, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(problem.clamped_sides)
+    title = f"{source_text}, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(
+        problem.clamped_sides
+    )
     axes.use_sticky_edges = False
     axes.margins(0.12)
     axes.set(aspect="equal", xlabel="x", ylabel="y", title=title)
