@@ -188,7 +188,7 @@ def _draw_side_numbers(plot_data: PlotData) -> Any:
     import plotly.graph_objects as go
 
     polygon = plot_data.mesh.polygon
-    sides = select_numbered_sides(plot_data)
+    sides = select_numbered_sides(plot_data.mesh.polygon)
     middles = np.concatenate(
         [_boundary_curve(plot_data, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides]
     )
@@ -283,7 +283,7 @@ def _mark_sides(figure: Figure, plot_data: PlotData) -> None:
         if side in plot_data.clamped_sides:
             annotation = {"annotation_text": "clamped", "annotation_textangle": -90}
         figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY_BAND_STYLE, **annotation)
-    for side in select_numbered_sides(plot_data):
+    for side in select_numbered_sides(plot_data.mesh.polygon):
         middle = polygon.starts[side] + polygon.lengths[side] / 2
         text = str(side) if side else "side 0"
         figure.add_annotation(x=middle, y=1, yref="y domain", yanchor="top", text=text, showarrow=False)

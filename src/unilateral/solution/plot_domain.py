@@ -124,7 +124,7 @@ def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
         )
     lines = [(interval.first, interval.last) for interval in plot_data.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT_COLOUR, linewidths=4, capstyle="butt", zorder=3))
-    for side in select_numbered_sides(plot_data):
+    for side in select_numbered_sides(plot_data.mesh.polygon):
         offset = -10 * polygon.normals[side]
         halo = [withStroke(linewidth=2, foreground="w")]
         axes.annotate(str(side), sides[side].mean(axis=0), offset, textcoords="offset points", ha="center",

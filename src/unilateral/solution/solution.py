@@ -75,6 +75,10 @@ class Solution:
         """Summary of the solution as a table of HTML, with the picture."""
         return summary.render_summary_html(self)
 
+    def __dir__(self) -> list[str]:
+        """Names of attributes, without those that serve other modules."""
+        return [name for name in object.__dir__(self) if name not in ("bounded", "true_errors")]
+
     @property
     def polygon(self) -> Polygon:
         """The domain, as the user gave it."""

@@ -16,7 +16,8 @@ SHELTER = str(ROOT / "examples/shelter.yaml")
 def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     """The commands in its first lines are the ones to type. It shows contact that ends, and a gap.
 
-    Force and reaction carry the load, 5e-5 N/mm^2 times 600 mm times 400 mm, which is 12 N. Control: a field less, and it is refused.
+    Force and reaction carry the load, 5e-5 N/mm^2 times 600 mm times 400 mm, which is 12 N.
+    Control: a field less, and it is refused.
     """
     file = tmp_path / "my_problem.yaml"
     code, out, _ = run("init", str(file))
