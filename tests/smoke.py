@@ -26,7 +26,7 @@ TASKS = [
     ("init own.yaml", set()),
     ("check own.yaml", set()),
     ("solve own.yaml --accuracy 0.3", set()),
-    ("check corner.yaml --out check.svg", {"plot"}),
+    ("check corner.yaml -o check.svg", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.svg", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.html", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.vtu", {"files"}),

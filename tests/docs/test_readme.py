@@ -13,7 +13,7 @@ from pictures import NUMBER, PRINTED
 from study.documents.marks import remove_marks
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-FIRST = "unilateral solve examples/arch.yaml --accuracy 0.05"
+FIRST = "unilateral solve examples/arch.yaml"
 MOST = 900
 NOT_FIRST = ("gmsh", "matplotlib", "netCDF4", "pandas", "plotly", "xarray")
 """What the solver is installed without, and a mesh of any polygon, pictures and files need."""

@@ -3,11 +3,13 @@
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from shlex import join
 
 import click
 
 from unilateral.cli import commands, solve_commands
 from unilateral.cli.arguments import format_examples
+from unilateral.errors import quote_input
 
 EXIT_CODES = """\b
 Exit codes:
@@ -20,12 +22,25 @@ Exit codes:
   143  ended by SIGTERM"""
 
 
+class CommandGroup(click.Group):
+    """A group of commands that answers a problem file in the place of a command with what to type."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that is named, and its arguments; UsageError for an unknown one."""
+        if args[0].endswith((".yaml", ".yml")) and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {quote_input(args[0])!r}. Type: unilateral solve {join(args)}")
+        return super().resolve_command(ctx, args)
+
+
 @click.group(
+    cls=CommandGroup,
     epilog="\n\n".join(
         [
             format_examples(
                 "unilateral init my_problem.yaml",
-                "unilateral solve my_problem.yaml --accuracy 0.1",
+                "unilateral solve my_problem.yaml",
                 "unilateral solve --help",
             ),
             EXIT_CODES,

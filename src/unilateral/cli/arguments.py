@@ -22,7 +22,7 @@ def is_count(text: str) -> bool:
 def parse_positive(text: str | float) -> float:
     """A positive number, also as a fraction such as 1/64; as a type of arguments."""
     from unilateral.formulas.formula import parse_real
-    from unilateral.formulas.grammar import comma_hint
+    from unilateral.formulas.grammar import syntax_hint
 
     try:
         number = float(parse_real(text, ""))
@@ -30,7 +30,7 @@ def parse_positive(text: str | float) -> float:
         number = 0.0
     if not 0 < number < float("inf"):
         requirement = "must be a positive number or a fraction such as 1/64"
-        raise click.BadParameter(f"'{quote_input(text)}' {requirement}{comma_hint(str(text))}")
+        raise click.BadParameter(f"'{quote_input(text)}' {requirement}{syntax_hint(str(text), (), None)}")
     return number
 
 

@@ -20,7 +20,8 @@ from unilateral.cli.arguments import (
     parse_positive,
     parse_sides,
 )
-from unilateral.cli.guard import print_result
+from unilateral.cli.guard import print_message, print_result
+from unilateral.errors import InputError
 from unilateral.system.optional import require
 
 FORMATS = ("text", "json", "python", "ufl")
@@ -39,21 +40,31 @@ def init_command(file: str) -> None:
 
 @click.command(
     epilog=format_examples(
-        "unilateral init my_problem.yaml", "unilateral check my_problem.yaml --out my_problem.svg"
+        "unilateral init my_problem.yaml", "unilateral check my_problem.yaml -o my_problem.svg"
     )
 )
 @click.argument("file", type=FILE_TYPE, help="a YAML file that declares a problem")
 @click.option(
-    "--out", type=FILE_TYPE, metavar="PICTURE", help="a .svg, .png or .pdf file with a drawing of the problem"
+    "-o",
+    "--output",
+    type=FILE_TYPE,
+    metavar="FILE",
+    help="a .svg, .png or .pdf file with a drawing of the problem",
 )
-def check_command(file: str, out: str | None) -> None:
+@click.option("--out", type=FILE_TYPE, hidden=True)  # the former name of -o
+def check_command(file: str, output: str | None, out: str | None) -> None:
     """Show how a problem file is read, before anything is solved."""
     from unilateral.cli import init_check
     from unilateral.system.files import format_file_size
 
-    print_result(init_check.describe_problem_file(file, out))
+    if output is not None and out is not None:
+        raise InputError("-o and --out both name the picture; leave out --out")
+    picture = out if output is None else output
+    print_result(init_check.describe_problem_file(file, picture))
+    if picture is not None:
+        print_result(f"  written     {picture}, {format_file_size(picture)}")
     if out is not None:
-        print_result(f"  written     {out}, {format_file_size(out)}")
+        print_message("--out of check is now called -o; type -o in its place")
 
 
 @click.command(

@@ -30,6 +30,7 @@ PICTURE_ENDINGS = {".svg": ["matplotlib"], ".png": ["matplotlib"], ".pdf": ["mat
 CHECK_FREE_COLOUR = "tab:gray"
 CHECK_CONTACT_COLOUR = "tab:blue"
 CHECK_CLAMPED_COLOUR = "tab:brown"
+CHECK_CONSTANT_COLOUR = "0.92"
 RELATIVE_VALUE_ROUNDING = 1e-12
 POLYGON_PANEL_INCHES = 5.0
 OBSTACLE_PANEL_INCHES = 2.0
@@ -181,7 +182,7 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
 
     polygon = problem.polygon
     v = polygon.vertices
-    _draw_source(axes, problem)
+    source_text = _draw_source(axes, problem)
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
         clamped = side in problem.clamped_sides
@@ -190,28 +191,28 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         axes.annotate(
             str(side), ends.mean(axis=0), offset, textcoords="offset points", ha="center", va="center"
         )
-    title = "f, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(problem.clamped_sides)
+    title = f"{source_text}, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(
+        problem.clamped_sides
+    )
     axes.use_sticky_edges = False
     axes.margins(0.12)
     axes.set(aspect="equal", xlabel="x", ylabel="y", title=title)
 
 
-def _draw_source(axes: Axes, problem: Problem) -> None:
-    """Draws f in colours, with their bar."""
+def _draw_source(axes: Axes, problem: Problem) -> str:
+    """Draws f in colours, with their bar; its name or, if it is a constant, which needs no bar, its value."""
     v = problem.polygon.vertices
     grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS_PER_SIDE).T)
     inside = problem.polygon.contains(np.stack(grid, axis=-1))
     with np.errstate(all="ignore"):  # f need not be defined outside
         f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
     f_min = float(np.nanmin(f))
-    f_max = float(np.nanmax(f))
-    # a constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
-    margin = 0.0 if f_min < f_max else abs(f_min) or 1.0
-    look: Any = {"vmin": f_min - margin, "vmax": f_max + margin, "shading": "nearest", "alpha": 0.6}
-    field = axes.pcolormesh(*grid, f, rasterized=True, **look)
-    bar = axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
-    if margin:
-        bar.set_ticks([f_min], labels=[f"{f_min:.4g}".replace("-", "−")])
+    if f_min == float(np.nanmax(f)):
+        axes.fill(*v.T, color=CHECK_CONSTANT_COLOUR)
+        return f"f = {f_min:.4g}".replace("-", "−")
+    field = axes.pcolormesh(*grid, f, rasterized=True, shading="nearest", alpha=0.6)
+    axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
+    return "f"
 
 
 def _side_style(problem: Problem, side: int) -> dict[str, Any]:

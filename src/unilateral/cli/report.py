@@ -69,15 +69,18 @@ def format_result(
     nonuniqueness: str,
     problem: Problem,
 ) -> str:
-    """Rows for a reader: unknowns, errors, bounds, contact, forces and cost.
+    """Rows for a reader: forces, contact, bounds and true errors, then unknowns, the algorithm and cost.
 
     `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` are
     words on a lambda_H that may not be unique, else empty.
     """
-    rows = {"unknowns": f"{record['unknowns']} and {pluralise(record['multipliers'], 'multiplier')}"}
-    rows |= _algorithm_rows(record)
-    if not _is_unknown(record["h1_error"]):
-        rows |= _true_error_rows(record, record["unique"], name_errors(problem))
+    rows = {}
+    for row in forces:
+        value, lower, upper = row.force
+        # a narrow interval is printed with as many digits as are known
+        spec = "" if 0 < upper - lower < NARROW_FORCE_RATIO * abs(value) else NUMBER_FORMAT
+        rows[row.label] = format_interval(lower, upper, value, spec)
+    rows |= _contact_rows(record["contact"]) if record["multipliers"] else {"contact": LINEAR_PROBLEM_NOTE}
     if bounds is not None:
         label = "guaranteed" if bounds.u < math.inf else "error of u"
         rows[label] = _format_error_bound("h1", bounds.u, norms_below["h1"], problem)
@@ -86,12 +89,10 @@ def format_result(
             rows[label] = _format_error_bound("hm12", bounds.multiplier, norms_below["hm12"], problem)
         enclosed = f"at most {format_up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
-    rows |= _contact_rows(record["contact"]) if record["multipliers"] else {"contact": LINEAR_PROBLEM_NOTE}
-    for row in forces:
-        value, lower, upper = row.force
-        # a narrow interval is printed with as many digits as are known
-        spec = "" if 0 < upper - lower < NARROW_FORCE_RATIO * abs(value) else NUMBER_FORMAT
-        rows[row.label] = format_interval(lower, upper, value, spec)
+    if not _is_unknown(record["h1_error"]):
+        rows |= _true_error_rows(record, record["unique"], name_errors(problem))
+    rows["unknowns"] = f"{record['unknowns']} and {pluralise(record['multipliers'], 'multiplier')}"
+    rows |= _algorithm_rows(record)
     if nonuniqueness:
         rows["lambda_H"] = nonuniqueness
     rows["time and memory"] = f"{record['seconds']:.2f} s, {record['peak_mb']:.0f} MB"

@@ -31,8 +31,9 @@ MESH_KIND_NAMES = ("structured", "unstructured")
 @click.command(
     epilog=arguments.format_examples(
         "unilateral init my_problem.yaml",
-        "unilateral solve my_problem.yaml --h 1/16 --H 1/8",
-        "unilateral solve my_problem.yaml --accuracy 0.1 --json",
+        "unilateral solve my_problem.yaml",
+        "unilateral solve my_problem.yaml --accuracy 0.02 -o my_problem.svg",
+        "unilateral solve my_problem.yaml --h 25 --H 50 --json",
     )
 )
 @arguments.problem_argument
@@ -42,7 +43,7 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--out",
     type=FOLDER_TYPE,
     metavar="FOLDER",
-    help="a folder for all useful files; for a single file take -o",
+    help="a folder for all useful files, which may exist; for a single file take -o",
 )
 @arguments.certificate_option
 @arguments.sharp_option
@@ -153,7 +154,7 @@ MESH_KIND_NAMES = ("structured", "unstructured")
 def solve_command(ctx: click.Context, **options: Any) -> int:
     """Solve a problem, with guaranteed bounds on the errors.
 
-    It is solved either with given sizes --h and --H or to a guaranteed --accuracy.
+    It is solved either to a guaranteed --accuracy, by default of 5 %, or with given sizes --h and --H.
     """
     begin = time.perf_counter()
     given_options = {

@@ -25,7 +25,7 @@ from unilateral.exchange.score import (
 )
 from unilateral.formulas.expression import ZERO
 from unilateral.problems.problem import Problem
-from unilateral.solution.plot import render_svg
+from unilateral.solution.plot import number_sides, render_svg
 
 HTML_NORM_TITLES = {"h1": "u in {}", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"}
 PLOT_NORM_TITLES = {"h1": "$u$ in {}", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}
@@ -166,6 +166,7 @@ def _draw_boundary_comparison(case: Problem, scored_solution: ScoredSolution) ->
         top.set_ylim(float(mu.end_values.min()) - margin, float(mu.end_values.max()) + margin)
     top.plot(s, flux, "--", color=EXACT_COLOUR, label="exact")
     _finish_boundary_axes(top, case, "λ = ∂u/∂n")
+    number_sides(top, case.polygon)
     _finish_boundary_axes(bottom, case, "u − g")
     bottom.set(
         xlabel="arc length along the boundary, a line at each vertex", xlim=(0, case.polygon.perimeter)

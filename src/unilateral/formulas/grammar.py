@@ -75,12 +75,16 @@ COMMA_PATTERN = re.compile(r"(?<![\w.])(\d+),(\d+)")
 """A number with a decimal comma."""
 THOUSANDS_PATTERN = re.compile(r"(?<![\w.,])[1-9]\d{0,2}(?:,\d{3})+(?![\d,])(\.\d*)?")
 """A number whose thousands are set off by commas; it has decimals or not."""
+GROUPED_PATTERN = re.compile(
+    r"(?<![\w.,])([1-9]\d{0,2}(?:(?:\.\d{3})+(?=,)|(?:[ ']\d{3})+))(?:[.,](\d+))?(?![\w.,])"
+)
+"""A number whose thousands are set off by points, before a decimal comma, or by blanks or apostrophes."""
 PERCENT_PATTERN = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*%")
 UNFINISHED_EXPONENT = re.compile(r"(?<![\w.])\d+(?:\.\d*)?[eE](?![\w.]|[-+]\w)")
 """A power of ten without its exponent, such as 1e."""
 LEADING_ZEROS = re.compile(r"(?<![\w.])0+([1-9]\d*)(?![\w.])")
 MISSING_PRODUCT_SIGN = re.compile(
-    r"(?<![\w.])(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()"
+    r"(?<![\w.])(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(?![eE][-+\d])([a-zA-Zπµμ°Ω]\w*|\()"
 )
 """A number and what it multiplies without a sign, such as 2x."""
 ONE_HALF = Fraction(1, 2)
@@ -370,26 +374,38 @@ def syntax_hint(source: str, names: Sequence[str], least_power: int | None) -> s
     """How to mend what Python's parser refused, after a semicolon; nothing where that cannot be guessed."""
     if CONDITION_PATTERN.search(source):
         return condition_hint(names, least_power)
+    if hint := product_hint(source, names):
+        return hint
     if letter := next((letter for letter in source if letter in LETTER_SUBSTITUTES), ""):
         return substitution_hint(LETTER_SUBSTITUTES[letter], letter)
     if percent := PERCENT_PATTERN.search(source):
         return substitution_hint(f"{percent[1]}/100", percent[0])
     if UNFINISHED_EXPONENT.search(source):
         return "; write the exponent of a power of ten, such as 1e-3, and exp(1) for the number e"
-    if product := MISSING_PRODUCT_SIGN.search(source):
-        if product[2] in (*names, "pi", *FUNCTION_ARITIES, "("):
-            return substitution_hint(f"{product[1]}*{product[2]}", product[0])
-        if {*product[2]} <= {*names}:
-            return substitution_hint("*".join((product[1], *product[2])), product[0])
-        # x, y and z are no units, but coordinates, which this place does not have
-        return "" if product[2] in ("x", "y", "z") else NO_UNITS
     if zeros := LEADING_ZEROS.search(source):
         return comma_hint(source) or substitution_hint(zeros[1], zeros[0])
     return comma_hint(source)
 
 
+def product_hint(source: str, names: Sequence[str]) -> str:
+    """How to write a product without its sign, or a number with its unit; "" where there is neither."""
+    product = MISSING_PRODUCT_SIGN.search(source)
+    if product is None or UNFINISHED_EXPONENT.search(source):
+        return ""
+    factor = LETTER_SUBSTITUTES.get(product[2], product[2])
+    if factor in (*names, "pi", *FUNCTION_ARITIES, "("):
+        return substitution_hint(f"{product[1]}*{factor}", product[0])
+    if {*factor} <= {*names}:
+        return substitution_hint("*".join((product[1], *factor)), product[0])
+    # x, y and z are no units, but coordinates, which this place does not have
+    return "" if factor in ("x", "y", "z") else NO_UNITS
+
+
 def comma_hint(source: str) -> str:
-    """How to write a number that has a comma, of decimals or of thousands; "" where there is none."""
+    """How to write a number with a comma, or with its thousands set off; "" where there is none."""
+    if grouped := GROUPED_PATTERN.search(source):
+        decimals = f".{grouped[2]}" if grouped[2] else ""
+        return substitution_hint(re.sub(r"\D", "", grouped[1]) + decimals, grouped[0])
     if thousands := THOUSANDS_PATTERN.search(source):
         integer = thousands[0].replace(",", "")
         decimals = thousands[0].replace(",", ".")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from html import escape
 from importlib import resources
+from itertools import zip_longest
 from string import Template
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,7 @@ def render_solution_page(solution: Solution) -> str:
 
     plot_data = collect_plot_data(solution)
     template = resources.files("unilateral.solution") / "interactive.template.html"
-    sentences = [plot_data.accuracy_text, describe_force(solution, plot_data), plot_data.contact_text]
+    sentences = [describe_force(solution, plot_data), plot_data.contact_text, plot_data.accuracy_text]
     sentences.append(_explain_coarse_surface(plot_data))
     return Template(template.read_text(encoding="utf-8")).substitute(
         title=escape(plot_data.title),
@@ -75,7 +76,7 @@ def render_solution_page(solution: Solution) -> str:
 
 
 def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
-    """A table of the forces on sides with contact, and of the reactions on clamped ones, with their bounds.
+    """A table of the forces and the contact on sides with contact, and of the reactions on clamped ones.
 
     At most MAX_LISTED_FORCES sides are in it. It is left out where bounds take more memory than is free.
     """
@@ -83,15 +84,29 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
         return ""
     forces = solution.forces(uses_sharp_bounds(solution))
     contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
-    rows = {f"force, side {side}": forces.sides[side] for side in contact_sides[:MAX_LISTED_FORCES]}
+    listed_sides = contact_sides[:MAX_LISTED_FORCES]
+    rows = {f"force, side {side}": forces.sides[side] for side in listed_sides}
     for row, reaction in forces.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
     if forces.total and len(rows) > 1:
         rows["sum of forces, reactions"] = forces.total
-    lines = []
-    for name, (value, lower, upper) in rows.items():
-        text = add_guarantee(format_interval(lower, upper, value), lower, upper)
-        lines.append(f"<tr><th>{name}</th><td>{text}</td></tr>")
+    intervals = [
+        add_guarantee(format_interval(lower, upper, value), lower, upper)
+        for value, lower, upper in rows.values()
+    ]
+    lengths = plot_data.contact.lengths
+    contact_texts = [f"{lengths[side]:.4g} of {solution.polygon.lengths[side]:.4g}" for side in listed_sides]
+    # texts by the headings of the columns; below the sides with contact the last column is empty
+    columns = {"": [*rows], "force": intervals, "length of contact, computed": contact_texts}
+    return _render_table(columns)
+
+
+def _render_table(columns: dict[str, list[str]]) -> str:
+    """A table in HTML of columns by their headings; a shorter column is empty at its end."""
+    head = "".join(f'<th scope="col">{heading}</th>' for heading in columns)
+    lines = [f"<tr>{head}</tr>"]
+    for name, *texts in zip_longest(*columns.values(), fillvalue=""):
+        lines.append(f"<tr><th>{name}</th>{''.join(f'<td>{text}</td>' for text in texts)}</tr>")
     return f"<table>{''.join(lines)}</table>"
 
 
@@ -173,7 +188,7 @@ def _draw_side_numbers(plot_data: PlotData) -> Any:
     import plotly.graph_objects as go
 
     polygon = plot_data.mesh.polygon
-    sides = select_numbered_sides(plot_data)
+    sides = select_numbered_sides(plot_data.mesh.polygon)
     middles = np.concatenate(
         [_boundary_curve(plot_data, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides]
     )
@@ -268,7 +283,7 @@ def _mark_sides(figure: Figure, plot_data: PlotData) -> None:
         if side in plot_data.clamped_sides:
             annotation = {"annotation_text": "clamped", "annotation_textangle": -90}
         figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY_BAND_STYLE, **annotation)
-    for side in select_numbered_sides(plot_data):
+    for side in select_numbered_sides(plot_data.mesh.polygon):
         middle = polygon.starts[side] + polygon.lengths[side] / 2
         text = str(side) if side else "side 0"
         figure.add_annotation(x=middle, y=1, yref="y domain", yanchor="top", text=text, showarrow=False)

@@ -16,6 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator
 
 from unilateral.errors import InputError, quote_input
+from unilateral.geometry.polygon import Polygon
 from unilateral.solution.plot_data import MIN_NUMBER_DISTANCE, PlotData, select_numbered_sides
 from unilateral.solution.plot_domain import (
     CONTACT_COLOUR,
@@ -122,8 +123,13 @@ def _draw_boundary_panels(multiplier_axes: Axes, gap_axes: Axes, plot_data: Plot
     multiplier_axes.yaxis.get_offset_text().set_horizontalalignment("right")
     gap_axes.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
     _mark_sides_without_contact(multiplier_axes, gap_axes, plot_data)
-    numbered_sides = select_numbered_sides(plot_data)
-    side_axis = multiplier_axes.secondary_xaxis("top")
+    number_sides(multiplier_axes, polygon)
+
+
+def number_sides(axes: Axes, polygon: Polygon) -> None:
+    """Numbers the sides above axes over the arc length, at their middles."""
+    numbered_sides = select_numbered_sides(polygon)
+    side_axis = axes.secondary_xaxis("top")
     middles = polygon.starts[:-1] + polygon.lengths / 2
     side_axis.set_xticks(middles[numbered_sides], [str(i) if i else "side 0" for i in numbered_sides])
     side_axis.tick_params(length=0)

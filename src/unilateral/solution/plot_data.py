@@ -15,6 +15,7 @@ from unilateral.discrete.choice import bound_memory_mb
 from unilateral.formulas.decimals import add_guarantee, format_interval, format_up
 from unilateral.formulas.expression import ONE
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
 from unilateral.problems.fields import NODAL_VALUES_TEXT, linear_fields
 from unilateral.solution.bounds import has_consistent_bounds, relative_bound, uses_sharp_bounds
 from unilateral.solution.contact import Contact
@@ -98,9 +99,8 @@ class PlotData:
         return f"{'in contact' if (self.contact.lambda_H[has_contact] > 0).all() else 'u = g'} {where}"
 
 
-def select_numbered_sides(plot_data: PlotData) -> list[int]:
+def select_numbered_sides(polygon: Polygon) -> list[int]:
     """Sides that are numbered in pictures: as many as find a place along the boundary."""
-    polygon = plot_data.mesh.polygon
     last_middle = -1.0
     sides = list[int]()
     for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):

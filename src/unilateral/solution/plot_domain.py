@@ -54,8 +54,9 @@ def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) ->
     add_bar = _add_colour_bar_below if is_bar_inside else _add_colour_bar
     bar = add_bar(axes, field, "$u_h$")
     bar.set_ticks(choose_ticks() if plot_data.has_variation else FixedLocator([float(plot_data.u[0])]))
-    _draw_outline(axes, plot_data)
-    axes.set(xlabel="x", ylabel="y", title=plot_data.contact_text)
+    # in a figure of the user's, labels beyond the axes would reach into the next ones
+    _draw_outline(axes, plot_data, legend_right=1.0 if is_bar_inside else 1.15)
+    axes.set(xlabel="x", ylabel="" if is_bar_inside else "y", title=plot_data.contact_text)
     _fit_axes(axes, plot_data)
 
 
@@ -107,8 +108,11 @@ def choose_ticks(relative_length: float = 1.0) -> MaxNLocator:
     return MaxNLocator(int(np.clip(np.ceil(4 * relative_length), 1, 4)), steps=[1, 2, 2.5, 5, 10])
 
 
-def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
-    """Draws contact in red, clamped sides hatched, free ones dashed, others solid, with numbers at sides."""
+def _draw_outline(axes: Axes, plot_data: PlotData, legend_right: float) -> None:
+    """Draws contact in red, clamped sides hatched, free ones dashed, others solid, with numbers at sides.
+
+    The legend ends at `legend_right` times the width of the axes.
+    """
     polygon = plot_data.mesh.polygon
     free = np.setdiff1d(plot_data.contact.partition.side[plot_data.no_contact], plot_data.clamped_sides)
     sides = np.stack([polygon.vertices, np.roll(polygon.vertices, -1, axis=0)], axis=1)
@@ -120,11 +124,15 @@ def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
         axes.plot(*sides[side].T, **CLAMPED_SIDE_STYLE, label=label)
     if plot_data.clamped_sides:
         axes.legend(
-            loc="upper right", bbox_to_anchor=(1.15, 0), fontsize="small", borderaxespad=2, frameon=False
+            loc="upper right",
+            bbox_to_anchor=(legend_right, 0),
+            fontsize="small",
+            borderaxespad=2,
+            frameon=False,
         )
     lines = [(interval.first, interval.last) for interval in plot_data.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT_COLOUR, linewidths=4, capstyle="butt", zorder=3))
-    for side in select_numbered_sides(plot_data):
+    for side in select_numbered_sides(plot_data.mesh.polygon):
         offset = -10 * polygon.normals[side]
         halo = [withStroke(linewidth=2, foreground="w")]
         axes.annotate(str(side), sides[side].mean(axis=0), offset, textcoords="offset points", ha="center",

@@ -55,12 +55,12 @@ class Solution:
     >>> import unilateral as ul
     >>> ul.solve("natural", h=1 / 16, H=1 / 8)
     Solution of 'natural': a natural square-root transition in the middle of a side
-      polygon          4 sides
-      unknowns         289, and 32 multipliers
-      error of u       at most 0.204, 4.3 % of ||u||_1, guaranteed
-      error of lambda  at most 0.203, 1.3 % of ||lambda||_-1/2, guaranteed
       force            16.00 ± 0.21, guaranteed
       contact          length 3.5 of 4
+      error of u       at most 0.204, 4.3 % of ||u||_1, guaranteed
+      error of lambda  at most 0.203, 1.3 % of ||lambda||_-1/2, guaranteed
+      unknowns         289, and 32 multipliers
+      polygon          4 sides
     """
 
     problem: Problem
@@ -74,6 +74,10 @@ class Solution:
     def _repr_html_(self) -> str:
         """Summary of the solution as a table of HTML, with the picture."""
         return summary.render_summary_html(self)
+
+    def __dir__(self) -> list[str]:
+        """Names of attributes, without those that serve other modules."""
+        return [name for name in object.__dir__(self) if name not in ("bounded", "true_errors")]
 
     @property
     def polygon(self) -> Polygon:

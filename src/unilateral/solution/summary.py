@@ -50,40 +50,42 @@ def render_summary_html(solution: Solution) -> str:
 
 
 def collect_summary_rows(solution: Solution) -> dict[str, str]:
-    """Rows of the summary of a solution: texts by their names."""
+    """Rows of the summary of a solution, texts by their names: forces, contact, errors, then sizes."""
     sharp = uses_sharp_bounds(solution)
     cells = solution.solved.cells
     solved = solution.solved
-    rows = {"polygon": f"{solution.polygon.n_sides} sides"}
-    if linear := linear_fields(solution.problem):
-        rows[", ".join(linear)] = NODAL_VALUES_TEXT
-    rows["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
-    if solved.is_foreign:
-        rows["u"] = "of another program"
-    if not has_computed_bounds(solution, sharp) and (
+    bound_rows = {"error of u": "not bounded yet: see bounds"}
+    rows = {}
+    if has_computed_bounds(solution, sharp) or not (
         solution.mesh.n_nodes > MAX_NODES_FOR_SUMMARY or explain_memory_shortage(solution, sharp)
     ):
-        rows["error of u"] = "not bounded yet: see bounds"
-    else:
-        rows |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
+        bounds = solution.sharp_bounds if sharp else solution.bounds
+        rows = _collect_force_rows(solution, bounds, sharp) if len(cells) else {}
+        bound_rows = _collect_bound_rows(solution, bounds)
     contact = solution.contact
     lengths = f"length {contact.length:.4g} of {solution.polygon.perimeter:.4g}"
     rows["contact"] = "the whole boundary, " * contact.full + lengths
     if not len(cells):
         rows["contact"] = LINEAR_PROBLEM_NOTE
+    rows |= bound_rows
     if not solution.converged:
         rows["not converged"] = (
             f"the algebraic error is {format_interval(-math.inf, solved.result.bound, spec='.2g')}"
         )
     if not solution.unique:
         rows["lambda_H"] = "may not be unique"
-    return rows
+    if solved.is_foreign:
+        rows["u"] = "of another program"
+    if linear := linear_fields(solution.problem):
+        rows[", ".join(linear)] = NODAL_VALUES_TEXT
+    rows["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
+    return rows | {"polygon": f"{solution.polygon.n_sides} sides"}
 
 
-def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
-    """The rows of guaranteed errors and of the force, and of its sum with all reactions, known if c = 0."""
+def _collect_bound_rows(solution: Solution, bounds: Bounds | None) -> dict[str, str]:
+    """The rows of guaranteed errors."""
     if bounds is None:
-        return {"error of u": "unknown, because there is no bound", "force": f"{solution.solved.force:.4g}"}
+        return {"error of u": "unknown, because there is no bound"}
     names = name_solution_norms(solution.problem)
     errors = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(solution.solved.cells):
@@ -93,11 +95,17 @@ def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) 
         share = f", {format_percent(relative)} of {norm}" if relative < 1 else ""
         text = f"{format_interval(-math.inf, bound, spec='.3g')}{share}"
         rows[name] = add_guarantee(text, -math.inf, bound)
-    if len(errors) == 1:
-        return rows
+    return rows
+
+
+def _collect_force_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
+    """The rows of the force and, if c = 0, of its sum with all reactions, which is then known."""
+    if bounds is None:
+        return {"force": f"{solution.solved.force:.4g}"}
     forces = {"force": solution.force(sharp)}
     if solution.problem.c == ZERO:
         forces["with reactions"] = solution.force(sharp, range(solution.polygon.n_sides))
+    rows = {}
     for name, (value, lower, upper) in forces.items():
         rows[name] = add_guarantee(format_interval(lower, upper, value), lower, upper)
     return rows

@@ -16,6 +16,7 @@ SHELTER = str(ROOT / "examples/shelter.yaml")
 def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     """The commands in its first lines are the ones to type. It shows contact that ends, and a gap.
 
+    Force and reaction carry the load, 5e-5 N/mm^2 times 600 mm times 400 mm, which is 12 N.
     Control: a field less, and it is refused.
     """
     file = tmp_path / "my_problem.yaml"
@@ -27,9 +28,10 @@ def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     assert len(commands) == 2
     for command, *remaining in commands:
         assert run(command, *" ".join(remaining).split())[0] == 0
-    contact = run("solve", str(file), "--accuracy", "0.05")[1].split("  contact  ")[1]
-    assert re.search(r"contact, side 0 +0\.\d+ to 1; length 0\.", contact)  # it ends inside the side
-    assert "side 3" not in contact.partition("force")[0]
+    printed = run("solve", str(file))[1]
+    start, end = map(float, re.search(r"contact, side 0 +(\S+) to (\S+);", printed).groups())
+    assert 0 < start < end == 600  # it ends inside the side
+    assert float(re.search(r"sum of forces, reactions +(\S+) ±", printed)[1]) == pytest.approx(12)
     file.write_text(text.replace("f: ", "#"), encoding="utf-8")
     code, _, err = run("check", str(file))
     assert (code, err) == (
@@ -122,18 +124,27 @@ def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     assert [line.get_linestyle() for line in bottom.lines[:5]] == ["-", "-", "--", "--", "--"]
     pictures = [tmp_path / name for name in ("a.svg", "b.svg")]
     for picture in pictures:
-        assert run("check", SHELTER, "--out", str(picture))[0] == 0
+        assert run("check", SHELTER, "-o", str(picture))[0] == 0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
 
 
-@pytest.mark.parametrize("f", [-4, 0, 1e-3])
-def test_the_picture_of_a_constant_has_one_tick_at_it(tmp_path, f):
-    """Its colours span no range that f does not have; control: another f has more ticks."""
-    for text, ticks in ((f"{f:f}", 1), (f"{f:f} + x", None)):
+def test_check_still_draws_to_its_former_option_out(tmp_path, run):
+    """As before, and stderr says -o; control: -o says nothing, and both together are refused."""
+    pictures = {option: tmp_path / f"{option.strip('-')}.svg" for option in ("-o", "--out")}
+    messages = [run("check", SHELTER, option, str(picture))[2] for option, picture in pictures.items()]
+    assert messages == ["", "unilateral: --out of check is now called -o; type -o in its place\n"]
+    assert pictures["-o"].read_bytes() == pictures["--out"].read_bytes()
+    assert "--out " not in run("check", "--help")[1]
+    code, _, message = run("check", SHELTER, "-o", "a.svg", "--out", "a.svg")
+    assert (code, message) == (2, "unilateral: -o and --out both name the picture; leave out --out\n")
+
+
+@pytest.mark.parametrize(("f", "constant_title"), [("-4", "f = −4"), ("0", "f = 0"), ("1e-3", "f = 0.001")])
+def test_the_picture_of_a_constant_has_no_colour_bar(tmp_path, f, constant_title):
+    """Its colours would span a range that f does not have; control: another f has a bar."""
+    for text, title, n_bars in ((f, constant_title, 0), (f"{f} + x", "f", 1)):
         file = tmp_path / "problem.yaml"
-        file.write_text(f"polygon: [[0, 0], [1, 0], [0, 1]]\nf: {text}\ng: 0\n")
-        page = draw_problem(problem_file.load_problem(str(file)))
-        page.draw_without_rendering()
-        (bar,) = page.axes[0].child_axes
-        assert ticks is None or bar.get_yticks().tolist() == [f]
-        assert ticks or len(bar.get_yticks()) > 2
+        file.write_text(f"polygon: [[0, 0], [1, 0], [0, 1]]\nf: {text}\ng: 0\n", encoding="utf-8")
+        axes = draw_problem(problem_file.load_problem(str(file))).axes[0]
+        assert axes.get_title().partition(", and the sides")[0] == title
+        assert len(axes.child_axes) == n_bars

@@ -286,6 +286,16 @@ def test_the_contact_is_printed(run, monkeypatch):
     assert "contact, side" not in run("solve", "natural", *SIZES)[1]
 
 
+@pytest.mark.parametrize("options", [SIZES, ("--accuracy", "0.2")])
+def test_forces_are_printed_first_then_contact_then_errors(run, options):
+    """Below the levels or the head; the sizes and the algorithm follow the errors."""
+    printed = run("solve", "natural", *options)[1]
+    names = ["force, boundary", "force, side 3", "contact  ", "contact, side 0", "guaranteed  "]
+    names += ["also guaranteed", "||u - u_h||_1   ", "unknowns  ", "converged  ", "time and memory"]
+    places = [printed.index(name) for name in names]
+    assert places == sorted(places)
+
+
 def test_the_forces_are_printed(run, monkeypatch):
     """The integral of natural's lambda is 16, by quadrature of its polynomial; free sides have none."""
     _, records, _ = solve_json(run, "natural", *FINER, "--sharp")

@@ -15,7 +15,7 @@ WRITERS = {
     "solve --out": ["solve", PROBLEM, *AT, "--out", "new"],
     "solve --certificate": ["solve", PROBLEM, *AT, "--certificate", "new.json.gz"],
     "init": ["init", "new.yaml"],
-    "check": ["check", PROBLEM, "--out", "new.svg"],
+    "check": ["check", PROBLEM, "-o", "new.svg"],
     "export": ["export", "natural", *AT, "--out", "new"],
     "score": ["score", "exported", "solution.vtu", "--html", "new.html"],
 }

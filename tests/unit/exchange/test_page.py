@@ -104,6 +104,12 @@ def test_where_no_rate_is_proved_the_page_has_none():
     assert cells[-2:] == ["0.5", "reaches the proved rate"]
 
 
+def test_sides_are_numbered_along_the_boundary():
+    """Control: the plots of errors have no such number."""
+    errors, boundary = written("natural", score_own_solutions("natural")).split("Along the boundary")
+    assert ("side 0" in errors, "<!-- side 0 -->" in boundary) == (False, True)
+
+
 def test_a_page_is_the_same_twice():
     """No clock and no random numbers."""
     assert written("natural", score_own_solutions("natural")) == written(

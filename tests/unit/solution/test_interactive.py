@@ -273,13 +273,15 @@ def test_without_clamped_sides_no_line_is_called_so(page):
 
 
 def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
-    """Those of `forces`, each side by its number."""
+    """Those of `forces`, each side by its number, and beside them the length of contact on each side."""
     sides = [0, None, None, None]
     for f in (-4, lambda x, y: 0 * x - 4):
         s = ul.solve(ul.Problem(SQUARE, f, sides, free_sides=[1, 2], u={3: 0.5}), h=1 / 8, H=1 / 4)
-        rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", interactive.render_solution_page(s)))
-        assert list(rows) == ["force, side 0", "reaction, side 3"]
-        for text, force in zip(rows.values(), (s.forces().sides[0], s.forces().reactions[3,]), strict=True):
+        cells = "<tr><th>(.*?)</th><td>(.*?)</td><td>(.*?)</td></tr>"
+        names, intervals, lengths = zip(*re.findall(cells, interactive.render_solution_page(s)), strict=True)
+        assert names == ("force, side 0", "reaction, side 3")
+        assert lengths == (f"{s.contact.length:.4g} of 1", "")
+        for text, force in zip(intervals, (s.forces().sides[0], s.forces().reactions[3,]), strict=True):
             lower = force.lower
             upper = force.upper
             value = force.value

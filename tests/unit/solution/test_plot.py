@@ -232,6 +232,21 @@ def test_on_axes_of_a_figure_of_ones_own_nothing_reaches_the_next_axes(adapted_s
     assert bar.get_tightbbox().x1 < right.get_window_extent().x0
 
 
+def test_pictures_beside_each_other_do_not_overlap():
+    """In a figure as matplotlib makes it, with a clamped side, whose legend is the widest part.
+
+    Control: in one that is half as wide they do.
+    """
+    s = ul.solve(ul.Problem(SQUARE, -1, [0, None, None, None], free_sides=[1, 2], u={3: 5}), h=1 / 8, H=1 / 4)
+    for width, overlaps in ((6.4, False), (3.2, True)):
+        page = Figure(figsize=(width, 4.8))
+        left_axes, right_axes = page.subplots(1, 2)
+        s.plot(ax=left_axes)
+        s.plot(ax=right_axes)
+        page.draw_without_rendering()
+        assert left_axes.get_tightbbox().overlaps(right_axes.get_tightbbox()) == overlaps
+
+
 def test_the_colour_bar_of_a_picture_is_beside_its_axes(adapted_solution):
     """Control of what keeps off the next axes."""
     page = adapted_solution.plot()
