@@ -67,10 +67,15 @@ def as_side_numbers(values: object, n: int, where: str) -> list[int]:
         raise InputError(
             f"{where}: it is {quote_input(repr(values))}; it has to be a list of sides, such as [0, 2]"
         ) from None
+    check_distinct_sides(sides, where)
+    return sides
+
+
+def check_distinct_sides(sides: Iterable[object], where: str) -> None:
+    """Raises InputError for a side that is given twice."""
     twice = [side for side, times in Counter(sides).items() if times > 1]
     if twice:
         raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
-    return sides
 
 
 def as_side_number(value: Any, n: int, where: str) -> int:

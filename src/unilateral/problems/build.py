@@ -35,8 +35,8 @@ from unilateral.problems.reading import (
 )
 from unilateral.problems.side_models import SideData
 
-GivenOnSides = Given | Sequence[Given]
-"""What a user gives for all sides, or for each."""
+GivenOnSides = Given | Sequence[Given] | Mapping[int, Given]
+"""What a user gives for all sides, for each, or by their numbers."""
 MAX_COEFFICIENT = 1e30
 """The largest k and c; the smallest is 1 over this."""
 FUNCTION_ACCURACY = 2.0**-26

@@ -14,7 +14,7 @@ from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.formula import parse_number
 from unilateral.geometry.polygon import Polygon, find_polygon, polygon_names
-from unilateral.problems import catalogue
+from unilateral.problems import arguments, catalogue
 from unilateral.problems.build import build_problem, check_vertex_count, make_polygon
 from unilateral.problems.problem import Problem
 from unilateral.system import declarations
@@ -96,6 +96,7 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
     declaration = declarations.validate(declaration, schema, where)
     name = Path(where).stem if name is None else name
+    folder = Path(where).parent
     check_vertex_count(declaration["polygon"], where)
     corners = [
         [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
@@ -107,24 +108,40 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
         polygon,
         corners,
         declaration["f"],
-        declaration.get("g"),
+        _locate_tables(_number_sides(declaration.get("g"), "g", where), folder),
         free_sides=declaration.get("free_sides"),
         k=declaration.get("k", 1),
         c=declaration.get("c", 1),
-        q=declaration.get("q"),
-        u=_read_clamped_field(declaration.get("u", {}), where),
+        q=_locate_tables(_number_sides(declaration.get("q"), "q", where), folder),
+        u=_locate_tables(_number_sides(declaration.get("u", {}), "u", where), folder).items(),
         where=where,
         title=declaration.get("title", ""),
     )
 
 
-def _read_clamped_field(entries: dict[str, Any], where: str) -> list[tuple[Any, Any]]:
-    """The field u as pairs of a side, a number where it is written as one, and what u is there."""
+def _number_sides(entries: Any, field: str, where: str) -> Any:
+    """The entries of a field by the numbers of their sides; a field that is no mapping of sides unchanged."""
+    if not isinstance(entries, dict) or "table" in entries:
+        return entries
     for key in entries:
         if joined := UNSPACED_SIDE.fullmatch(key):
             blank = f"the colon in '{quote_input(key)}' needs a blank after it"
             raise InputError(
-                f"{where}, field u: {blank}; write {{{quote_input(': '.join(joined.groups()))}}}"
+                f"{where}, field {field}: {blank}; write {{{quote_input(': '.join(joined.groups()))}}}"
             )
     is_number = declarations.INTEGER_PATTERN.match
-    return [(int(key) if is_number(key) else key, value) for key, value in entries.items()]
+    sides = [int(key) if is_number(key) else key for key in entries]
+    arguments.check_distinct_sides(sides, f"{where}, field {field}")
+    return dict(zip(sides, entries.values(), strict=True))
+
+
+def _locate_tables(entry: Any, folder: Path) -> Any:
+    """What is given on sides, with the files of tables relative to the folder."""
+    if isinstance(entry, list):
+        return [_locate_tables(value, folder) for value in entry]
+    if isinstance(entry, dict):
+        return {
+            key: str(folder / value) if key == "table" else _locate_tables(value, folder)
+            for key, value in entry.items()
+        }
+    return entry

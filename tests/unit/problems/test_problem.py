@@ -324,7 +324,7 @@ OF_SIDES += [
         {"u": "{0: none}"},
         r", field u\[0\]: 'none' is no formula; write what u is there, such as 0, or leave the",
     ),
-    ({"u": "{0: [0]}"}, r", field u\[0\]: it is \[0\]; it has to be a formula in x and y, or null for 0"),
+    ({"u": "{0: [0]}"}, r", field u\[0\]: it is \[0\]; it has to be a formula in x and y, a table"),
     ({"u": "{0: x*(1 - x)*1e-300}", "g": "0"}, ", field u: it is as large as .*e-301 on side 0, and squares"),
     ({"u": "{0: 0}", "g": "-1e-200"}, ", field g: it is as large as 1e-200 on side 1, and squares of errors"),
 ]
