@@ -48,7 +48,7 @@ __all__ = ["MESH_KINDS", "Problem", "Solver", "case", "certify", "load", "mesh",
 
 
 def Problem(
-    polygon: Polygon | Mesh | ArrayLike,
+    polygon: Polygon | Mesh | ArrayLike | str | os.PathLike[str],
     f: Given,
     g: GivenOnSides = None,
     free_sides: Sequence[int] | None = (),

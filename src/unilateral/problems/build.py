@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import replace
 from numbers import Number
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY_VERTICES, Polygon
 from unilateral.problems import arguments
 from unilateral.problems.data_checks import check_data, constrained_vertices
+from unilateral.problems.domain_file import read_domain
 from unilateral.problems.fields import linear_fields
 from unilateral.problems.functions import Function, evaluate_function
 from unilateral.problems.nodal import NodalTrace, side_nodes
@@ -46,7 +48,7 @@ FUNCTION_ROUNDING = 64 * EPS
 
 
 def make_problem(
-    polygon: Polygon | Mesh | ArrayLike,
+    polygon: Polygon | Mesh | ArrayLike | str | PathLike[str],
     f: Given,
     g: GivenOnSides,
     *,
@@ -65,7 +67,9 @@ def make_problem(
             f"{name}, field u: it is {quote_input(repr(u))}; it has to be a dict such as {{3: 0}}"
         )
     mesh = polygon if isinstance(polygon, Mesh) else None
-    if mesh is None:
+    if isinstance(polygon, str | PathLike):
+        domain = read_domain(polygon, name, f"{name}, field polygon").polygon
+    elif mesh is None:
         vertices = arguments.as_vertices(polygon, f"{name}, field polygon")
         check_vertex_count(vertices, name)
         domain = make_polygon(vertices, name, name)

@@ -16,6 +16,7 @@ from unilateral.formulas.formula import parse_number
 from unilateral.geometry.polygon import Polygon, find_polygon, polygon_names
 from unilateral.problems import arguments, catalogue
 from unilateral.problems.build import build_problem, check_vertex_count, make_polygon
+from unilateral.problems.domain_file import Domain, read_domain
 from unilateral.problems.problem import Problem
 from unilateral.system import declarations
 
@@ -97,16 +98,11 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
     declaration = declarations.validate(declaration, schema, where)
     name = Path(where).stem if name is None else name
     folder = Path(where).parent
-    check_vertex_count(declaration["polygon"], where)
-    corners = [
-        [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
-        for i, vertex in enumerate(declaration["polygon"])
-    ]
-    polygon = make_polygon(np.array([[as_float(x) for x in vertex] for vertex in corners]), name, where)
+    domain = _read_polygon_field(declaration["polygon"], name, where)
     return build_problem(
         name,
-        polygon,
-        corners,
+        domain.polygon,
+        domain.exact_vertices,
         declaration["f"],
         _locate_tables(_number_sides(declaration.get("g"), "g", where), folder),
         free_sides=declaration.get("free_sides"),
@@ -117,6 +113,19 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
         where=where,
         title=declaration.get("title", ""),
     )
+
+
+def _read_polygon_field(vertices_or_file: Any, name: str, where: str) -> Domain:
+    """The polygon with the vertices of the field, or of the file that it names, beside the file `where`."""
+    if isinstance(vertices_or_file, str):
+        return read_domain(Path(where).parent / vertices_or_file, name, f"{where}, field polygon")
+    check_vertex_count(vertices_or_file, where)
+    corners = [
+        [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
+        for i, vertex in enumerate(vertices_or_file)
+    ]
+    rounded = np.array([[as_float(x) for x in vertex] for vertex in corners])
+    return Domain(make_polygon(rounded, name, where), corners)
 
 
 def _number_sides(entries: Any, field: str, where: str) -> Any:

@@ -13,9 +13,8 @@ from unilateral.arrays import Array, Index, read_floats
 from unilateral.errors import InputError, pluralise, quote_input
 from unilateral.formulas.taylor import EPS
 from unilateral.problems.nodal import NodalTrace
-from unilateral.system.columns import read_columns
+from unilateral.system.columns import MAX_COLUMN_ROWS, read_columns
 
-MAX_TABLE_ROWS = 10_000
 TABLE_PLACE_ROUNDING = 16 * EPS
 """Places s over the length of a side are rounded by less: s, the length and their quotient are."""
 END_TOLERANCE = 1e-5
@@ -58,7 +57,7 @@ def read_table(data: Any, where: str) -> TableRows:
     if isinstance(data, Mapping):
         if {*data} != {"table"} or not isinstance(data["table"], str | PathLike):
             raise InputError(f"{where}: it is {quote_input(repr(dict(data)))}; {TABLE_NEEDED}")
-        rows = read_columns(data["table"], where, "s and a value", MAX_TABLE_ROWS)
+        rows = read_columns(data["table"], where, "s and a value")
         return TableRows(
             s=np.array([float(row.first) for row in rows]),
             values=np.array([float(row.second) for row in rows]),
@@ -69,8 +68,8 @@ def read_table(data: Any, where: str) -> TableRows:
     values = read_floats(data[1], f"{where}, values", TABLE_NEEDED)
     if s.ndim != 1 or s.shape != values.shape:
         raise InputError(f"{where}: s has the shape {s.shape}, the values {values.shape}; {TABLE_NEEDED}")
-    if len(s) > MAX_TABLE_ROWS:
-        raise InputError(f"{where}: it has {len(s)} rows; at most {MAX_TABLE_ROWS} are read")
+    if len(s) > MAX_COLUMN_ROWS:
+        raise InputError(f"{where}: it has {len(s)} rows; at most {MAX_COLUMN_ROWS} are read")
     return TableRows(s, values, where, None)
 
 

@@ -18,8 +18,9 @@ DECIMAL_COMMA_PATTERNS = (
 """Rows of two numbers of which one has a decimal comma, by what separates them."""
 SEPARATORS = (";", "\t", ",")
 """The first of these that is in a line is what separates its columns; else blanks do."""
+MAX_COLUMN_ROWS = 10_000
 MAX_COLUMN_BYTES = 2_000_000
-"""No file is read that has more bytes; a row of the most digits has 50."""
+"""No file is read that has more rows or bytes; a row of the most digits has 50."""
 
 
 class ColumnRow(NamedTuple):
@@ -30,7 +31,7 @@ class ColumnRow(NamedTuple):
     second: str
 
 
-def read_columns(path: str | PathLike[str], where: str, names: str, max_rows: int) -> list[ColumnRow]:
+def read_columns(path: str | PathLike[str], where: str, names: str) -> list[ColumnRow]:
     """The rows of a file with two columns, the `names` of which messages tell; a heading is left out.
 
     Empty lines and those that begin with # are left out, too. Raises InputError, beginning with the file and
@@ -59,8 +60,8 @@ def read_columns(path: str | PathLike[str], where: str, names: str, max_rows: in
         if len(cells) != 2 or not all(map(NUMBER_PATTERN.fullmatch, cells)):
             raise InputError(f"{path}, line {number}: {_explain_row(line, names)}")
         rows.append(ColumnRow(number, *cells))
-    if len(rows) > max_rows:
-        raise InputError(f"{path}: it has {len(rows)} rows; at most {max_rows} are read")
+    if len(rows) > MAX_COLUMN_ROWS:
+        raise InputError(f"{path}: it has {len(rows)} rows; at most {MAX_COLUMN_ROWS} are read")
     return rows
 
 
