@@ -1,11 +1,14 @@
 """Polygons from files: the same as from a list of their vertices, and files that are refused."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 import sentences
 
 import unilateral as ul
 from unilateral.errors import InputError
+from unilateral.problems.domain_file import read_domain
 
 VERTICES = [(0, 0), (2, 0), (2, 1), (1, 1.5), (0, 1 / 3)]
 ROWS = "0,0\n2,0\n2,1\n1,1.5\n0,0.3333333333333333\n"
@@ -33,17 +36,11 @@ def test_vertices_in_a_file_are_those_of_a_list(tmp_path, text):
 
 
 def test_decimals_in_a_file_are_exact(tmp_path):
-    """Powers of pos below 1 have to be beyond the side: at 1/10 + 3e-18 they are, though 0.1 is rounded up."""
-    text = "0,0\n0.1,0\n0.3,0\n0.3,0.2\n0,0.2\n"
-    (tmp_path / "part.csv").write_text(text)
-    fields = "polygon: part.csv\nf: -1\ng: ['pos(x - 1/10, 1/2)', null, null, null, null]\nc: 1\n"
-    (tmp_path / "own.yaml").write_text(fields + "free_sides: [1, 2, 3, 4]\n")
-    with sentences.raises(InputError, "side 0"):
-        ul.load(tmp_path / "own.yaml")
-    (tmp_path / "own.yaml").write_text(
-        (fields + "free_sides: [1, 2, 3, 4]\n").replace("x - 1/10", "10*x - 1 - 3/10**17")
-    )
-    assert ul.load(tmp_path / "own.yaml").contact_sides == (0,)
+    """A side ends at 1/10, which is no double, so that formulas on it are as exact as with a list."""
+    (tmp_path / "part.csv").write_text("0,0\n0.1,0\n3e-1,.5\n")
+    vertices = read_domain(tmp_path / "part.csv", "part", "").exact_vertices
+    expected = [[0, 0], [Fraction(1, 10), 0], [Fraction(3, 10), Fraction(1, 2)]]
+    assert [[x.rational for x in vertex] for vertex in vertices] == expected
 
 
 @pytest.mark.parametrize(
