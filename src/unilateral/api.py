@@ -37,7 +37,14 @@ from unilateral.problems.problem_file import load_polygon
 from unilateral.problems.reading import Given
 from unilateral.solution import certification
 from unilateral.solution.shortfalls import warn_of_shortfalls
-from unilateral.solution.sizes import MESH_KINDS, Size, check_mesh_kind, mesh_problem, read_optional_number
+from unilateral.solution.sizes import (
+    MESH_KINDS,
+    Size,
+    check_mesh_kind,
+    fit_mesh,
+    mesh_problem,
+    read_optional_number,
+)
 from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop
 from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
@@ -187,7 +194,8 @@ def solve(
     The problem is one of `Problem`, `case` and `load`, or the name of a case or of a YAML file.
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
-    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
+    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. For an accuracy
+    that mesh is the coarsest, and is refined.
 
     An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}. It is relative to that norm
     of the solution; if it is `absolute`, it is the largest error itself. It is certified by the cheap bound
@@ -237,8 +245,8 @@ def solve(
         warn_of_shortfalls(solution, is_user_mesh)
         return solution
     # up to an accuracy, on meshes that the search makes
-    if h is not None or H is not None or isinstance(mesh, Mesh):
-        raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
+    if h is not None or H is not None:
+        raise InputError("an accuracy makes its own meshes; leave it out, or leave out h and H")
     if problem.mesh is not None:
         raise InputError(
             f"'{problem.name}' was made of a mesh and is solved on it; give H, or make the problem of the "
@@ -255,14 +263,15 @@ def solve(
         **{name: read_optional_number(name, limit) for name, limit in limits.items()},
         sharp=sharp or norm == "hm12",
         absolute=absolute,
-        kind=mesh,
+        kind=mesh if isinstance(mesh, str) else "",
         stop=stop or Stop(),
     )
     if goal.norm == "hm12" and not problem.contact_sides:
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
-        levels = search(problem, goal, tell, dry_run, begin)
+        coarsest = fit_mesh(mesh, problem.polygon) if isinstance(mesh, Mesh) else None
+        levels = search(problem, goal, tell, dry_run, begin, coarsest)
     solution = Solution(problem, levels.best.solved, levels)
     if not dry_run:
         warn_of_shortfalls(solution)

@@ -228,7 +228,7 @@ def report_solution(
     }
     print_result(format_result(record, bounds, norms_below, forces, doubt, solution.problem))
     if bounds and not (search or errors or solution.solved.is_foreign) and is_too_coarse(solution, bounds):
-        print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
+        print_result(f"  {'hint':27} {TOO_COARSE_HINT}")
     return record, interrupted
 
 
