@@ -58,13 +58,13 @@ def Problem(
     polygon: Polygon | Mesh | ArrayLike | str | os.PathLike[str],
     f: Given,
     g: GivenOnSides = None,
-    free_sides: Sequence[int] | None = (),
+    free_sides: Sequence[int | str] | None = (),
     name: str = "problem",
     *,
     k: str | float = 1,
     c: str | float = 1,
     q: GivenOnSides = 0,
-    u: Mapping[int, Given] | None = None,
+    u: Mapping[int | str, Given] | None = None,
 ) -> problems.Problem:
     """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that carry contact.
 

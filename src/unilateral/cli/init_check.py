@@ -17,7 +17,7 @@ from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ONE, ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
-from unilateral.problems.fields import describe_data
+from unilateral.problems.fields import describe_data, join_sides
 from unilateral.problems.problem import Problem, as_formula
 from unilateral.problems.side_tables import SideTable
 from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
@@ -88,7 +88,8 @@ def describe_problem(problem: Problem) -> Iterator[str]:
         start = _format_vertex(polygon.vertices[side % polygon.n_sides])
         end = _format_vertex(polygon.vertices[(side + 1) % polygon.n_sides])
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
-        yield f"  {f'side {side}':11} {where}: {_describe_condition(problem, side)}"
+        label = polygon.label_side(side)
+        yield f"  {f'side {label}':11} {where}: {_describe_condition(problem, side)}"
     if not problem.contact_sides:
         yield f"  contact     {LINEAR_PROBLEM_NOTE}"
     if problem.u_lower_bound > -np.inf:
@@ -96,7 +97,7 @@ def describe_problem(problem: Problem) -> Iterator[str]:
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
-        yield f"  no contact  on {sides} {', '.join(map(str, idle))}, where g is below this bound"
+        yield f"  no contact  on {sides} {join_sides(idle, polygon)}, where g is below this bound"
 
 
 def _describe_lower_bound(problem: Problem, largest_f: float) -> str:

@@ -14,6 +14,7 @@ from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.side_tables import SideTable
 
 if TYPE_CHECKING:
+    from unilateral.geometry.polygon import Polygon
     from unilateral.problems.problem import Problem
 
 FUNCTION_TEXT = "a function"
@@ -24,20 +25,23 @@ NODAL_VALUES_TEXT = "linear between the nodes of the mesh"
 def problem_fields(problem: Problem) -> dict[str, str]:
     """The fields by their names; k, c, free sides and q only if they are given."""
     if problem.exact:
-        return {"polygon": repr(problem.polygon), "free sides": join_sides(problem.free_sides)}
+        return {
+            "polygon": repr(problem.polygon),
+            "free sides": join_sides(problem.free_sides, problem.polygon),
+        }
     clamped = problem.clamped_sides
     fields = {"polygon": f"{problem.polygon.n_sides} sides, area {problem.polygon.area:.4g}"}
     fields["f"] = describe_data(problem.f)
     if problem.contact_sides:
         fields["g"] = _side_data_text(problem.g, problem.contact_sides)
     if clamped:
-        fields["clamped sides"] = join_sides(clamped)
+        fields["clamped sides"] = join_sides(clamped, problem.polygon)
         fields["u there"] = _side_data_text(problem.g, clamped)
     for name, coefficient in (("k", problem.k), ("c", problem.c)):
         if coefficient != ONE:
             fields[name] = str(coefficient)
     if problem.free_sides:
-        fields["free sides"] = join_sides(problem.free_sides)
+        fields["free sides"] = join_sides(problem.free_sides, problem.polygon)
         q = _side_data_text(problem.q, problem.free_sides) if problem.q else "0"
         fields |= {"q": q} if q != "0" else {}
     return fields
@@ -64,9 +68,9 @@ def as_html(head: str, fields: Mapping[str, str]) -> str:
     return f"<div><p><strong>{escape(head)}</strong></p><table>{rows}</table></div>"
 
 
-def join_sides(sides: Sequence[int]) -> str:
-    """The numbers of sides with commas, or "none"."""
-    return ", ".join(map(str, sides)) or "none"
+def join_sides(sides: Sequence[int], polygon: Polygon | None = None) -> str:
+    """The numbers of sides with commas, or "none"; with their names, if the polygon is given."""
+    return ", ".join(polygon.label_side(side) if polygon else str(side) for side in sides) or "none"
 
 
 def _side_data_text(data: Sequence[object], sides: Sequence[int]) -> str:

@@ -11,17 +11,18 @@ import numpy as np
 
 from unilateral.errors import InputError, quote_input
 from unilateral.formulas.exact_numbers import as_float
-from unilateral.formulas.expression import ZERO
+from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import parse_number
 from unilateral.geometry.polygon import Polygon, find_polygon, polygon_names
 from unilateral.problems import arguments, catalogue
 from unilateral.problems.build import build_problem, check_vertex_count, make_polygon
-from unilateral.problems.domain_file import Domain, read_domain
+from unilateral.problems.polygon_file import read_polygon
 from unilateral.problems.problem import Problem
+from unilateral.problems.reading import exact_vertices
 from unilateral.system import declarations
 
 PROBLEM_FIELDS = {"polygon", "f", "g", "free_sides"}
-UNSPACED_SIDE = re.compile(r"([-+]?\d+):(\S+)")
+UNSPACED_SIDE = re.compile(r"([-+]?\d+|\w+):(\S+)")
 """A side and its formula that YAML reads as one text, for want of a blank."""
 
 
@@ -84,9 +85,8 @@ def load_domain(name: str) -> Problem:
     clamped = clamped_field if isinstance(clamped_field, dict) else {}
     c = parse_number(declaration.get("c", 1), f"{name}, field c")
     fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if c == ZERO else 1}
-    return build_from_declaration(
-        {"polygon": declaration["polygon"], "f": 0, "g": 0} | fields, name, file.name
-    )
+    domain = {key: declaration[key] for key in ("polygon", "side_names") if key in declaration}
+    return build_from_declaration(domain | {"f": 0, "g": 0} | fields, name, file.name)
 
 
 def build_from_declaration(declaration: Any, where: str, name: str | None = None) -> Problem:
@@ -98,11 +98,11 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
     declaration = declarations.validate(declaration, schema, where)
     name = Path(where).stem if name is None else name
     folder = Path(where).parent
-    domain = _read_polygon_field(declaration["polygon"], name, where)
+    polygon, corners = _read_polygon_field(declaration, name, where)
     return build_problem(
         name,
-        domain.polygon,
-        domain.exact_vertices,
+        polygon,
+        corners,
         declaration["f"],
         _locate_tables(_number_sides(declaration.get("g"), "g", where), folder),
         free_sides=declaration.get("free_sides"),
@@ -115,17 +115,23 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
     )
 
 
-def _read_polygon_field(vertices_or_file: Any, name: str, where: str) -> Domain:
-    """The polygon with the vertices of the field, or of the file that it names, beside the file `where`."""
+def _read_polygon_field(
+    declaration: dict[str, Any], name: str, where: str
+) -> tuple[Polygon, list[list[Expression]]]:
+    """The polygon and its exact vertices, from a list or from the file that is named, beside `where`."""
+    vertices_or_file = declaration["polygon"]
+    side_names = declaration.get("side_names", {})
     if isinstance(vertices_or_file, str):
-        return read_domain(Path(where).parent / vertices_or_file, name, f"{where}, field polygon")
+        path = Path(where).parent / vertices_or_file
+        polygon = read_polygon(path, name, f"{where}, field polygon", side_names)
+        return polygon, exact_vertices(polygon)
     check_vertex_count(vertices_or_file, where)
     corners = [
         [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
         for i, vertex in enumerate(vertices_or_file)
     ]
     rounded = np.array([[as_float(x) for x in vertex] for vertex in corners])
-    return Domain(make_polygon(rounded, name, where), corners)
+    return make_polygon(rounded, name, where, side_names), corners
 
 
 def _number_sides(entries: Any, field: str, where: str) -> Any:
@@ -145,7 +151,7 @@ def _number_sides(entries: Any, field: str, where: str) -> Any:
 
 
 def _locate_tables(entry: Any, folder: Path) -> Any:
-    """What is given on sides, with the files of tables relative to the folder."""
+    """An entry of a field, or several ones, with the files of tables relative to the folder."""
     if isinstance(entry, list):
         return [_locate_tables(value, folder) for value in entry]
     if isinstance(entry, dict):

@@ -58,7 +58,8 @@ def read_source(data: Given, mesh: Mesh | None, where: str) -> Expression | Arra
 
 def read_sides(
     field: str,
-    field_data: Given | Sequence[Given] | Mapping[int, Given],
+    field_data: Given | Sequence[Given] | Mapping[int | str, Given],
+    polygon: Polygon,
     ends: list[SideEnds],
     free: Collection[int],
     clamped: Collection[int],
@@ -76,15 +77,15 @@ def read_sides(
     n = len(ends)
     sides_with_data = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
     if field == "g" and field_data is None and sides_with_data:
+        first = polygon.label_side(min(sides_with_data))
         raise InputError(
-            f"{where}: it is missing, and side {min(sides_with_data)} is neither free nor clamped; write "
-            "one formula for all sides, or a list with one per side"
+            f"{where}: it is missing, and side {first} is neither free nor clamped; write one formula for "
+            "all sides, or a list with one per side"
         )
     if isinstance(field_data, Mapping):
         if "table" in field_data:
             raise InputError(f"{where}: {TABLE_SIDE_NEEDED}")
-        numbers = arguments.as_side_numbers([*field_data], n, where)
-        by_side = dict(zip(numbers, field_data.values(), strict=True))
+        by_side = arguments.expand_sides(field_data.items(), polygon, where)
         field_data = [by_side.get(side) for side in range(n)]
     if isinstance(field_data, Sequence) and not isinstance(field_data, str | bytes):
         if len(field_data) != n:
@@ -93,7 +94,8 @@ def read_sides(
         places = [f"{where}[{side}]" for side in range(n)]
         data = [read_data(field, entry, place) for entry, place in zip(field_data, places, strict=True)]
         for side in range(n):
-            _check_list_entry(field, field_data[side], side, sides_with_data, clamped, places[side])
+            kind = "clamped" if side in clamped else "used" if side in sides_with_data else "unused"
+            _check_list_entry(field, field_data[side], polygon.label_side(side), kind, places[side])
     else:
         places = [where] * n
         data = [read_data(field, field_data, where)] * n
@@ -141,17 +143,18 @@ def fit_to_side(
     return data if callable(data) else make_trace(mesh, data, side, where)
 
 
-def _check_list_entry(
-    field: str, entry: object, side: int, sides: Collection[int], clamped: Collection[int], where: str
-) -> None:
-    """Raises InputError for an entry of a list that its side cannot have, and where one is missing."""
-    if entry is not None and side in clamped:
+def _check_list_entry(field: str, entry: object, side: str, kind: str, where: str) -> None:
+    """Raises InputError for an entry that its side cannot have, and where one is missing.
+
+    The field is "used" or "unused" on the side, which may also be "clamped".
+    """
+    if entry is not None and kind == "clamped":
         raise InputError(f"{where}: side {side} is clamped; write null, or take it out of u")
-    if entry is not None and field == "g" and side not in sides:
+    if entry is not None and field == "g" and kind == "unused":
         raise InputError(f"{where}: side {side} is free; write null, or take it out of free_sides")
-    if entry is not None and field == "q" and side not in sides:
+    if entry is not None and field == "q" and kind == "unused":
         raise InputError(f"{where}: side {side} is not free; write null, or name it in free_sides")
-    if entry is None and field == "g" and side in sides:
+    if entry is None and field == "g" and kind == "used":
         raise InputError(
             f"{where}: there is no formula, and side {side} is neither free nor clamped; write one, or name "
             "the side in free_sides or in u"

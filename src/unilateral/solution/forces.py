@@ -92,7 +92,7 @@ def compute_forces(solution: Solution, sharp: bool) -> Forces:
     return Forces(contact_force, group_forces[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
-def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
+def compute_force(solution: Solution, sharp: bool, sides: Sequence[int | str] | None) -> Force:
     """The force over some sides with their reactions, by default over all sides with contact.
 
     Raises InputError for a part of clamped sides in a row.
@@ -101,7 +101,7 @@ def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) 
     clamped = solution.problem.clamped_sides
     if sides is None:
         return _bound_forces(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
-    side_numbers = arguments.as_side_numbers(sides, n, "sides")
+    side_numbers = arguments.as_side_numbers(sides, solution.polygon, "sides")
     for row in group_adjacent_sides(n, clamped):
         if 0 < len({*row} & {*side_numbers}) < len(row):
             raise InputError(

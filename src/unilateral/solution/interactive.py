@@ -83,9 +83,13 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
         return ""
     forces = solution.forces(uses_sharp_bounds(solution))
     contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
-    rows = {f"force, side {side}": forces.sides[side] for side in contact_sides[:MAX_LISTED_FORCES]}
+    polygon = solution.polygon
+    rows = {
+        f"force, side {polygon.label_side(side)}": forces.sides[side]
+        for side in contact_sides[:MAX_LISTED_FORCES]
+    }
     for row, reaction in forces.reactions.items():
-        rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
+        rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(polygon.label_side, row))}"] = reaction
     if forces.total and len(rows) > 1:
         rows["sum of forces, reactions"] = forces.total
     lines = []

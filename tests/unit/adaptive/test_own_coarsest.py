@@ -13,6 +13,7 @@ from unilateral.geometry.mesh import make_unstructured_mesh
 from unilateral.geometry.polygon import Polygon, square
 
 OWN = make_unstructured_mesh(square(), 1 / 3)
+HALF = ul.mesh([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)])
 GOAL = Goal(accuracy=0.1)
 
 
@@ -58,7 +59,12 @@ def test_rounded_nodes_are_moved_onto_the_sides_of_the_problem():
 
 @pytest.mark.parametrize(
     "options",
-    [{"max_unknowns": 40}, {"h": 1 / 8}, {"H": 1 / 8}, {"mesh": ul.mesh([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)])}],
+    [
+        {"max_unknowns": 40},
+        {"h": 1 / 8},
+        {"H": 1 / 8},
+        {"mesh": ul.mesh([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)])},
+    ],
     ids=lambda options: next(iter(options)),
 )
 def test_what_does_not_fit_is_refused(options):

@@ -160,7 +160,7 @@ def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(declare
 REFUSED = [
     (
         {"free_side": "[1]"},
-        ": there is no field 'free_side' here; the fields are title, polygon, f, g, k, c,",
+        ": there is no field 'free_side' here; the fields are title, polygon, side_names, f, g, k, c,",
     ),
     ({"g": None}, ", field g: it is missing, and side 0 is neither free nor clamped; write one formula for"),
     ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),

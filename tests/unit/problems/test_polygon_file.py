@@ -1,14 +1,11 @@
 """Polygons from files: the same as from a list of their vertices, and files that are refused."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 import sentences
 
 import unilateral as ul
 from unilateral.errors import InputError
-from unilateral.problems.domain_file import read_domain
 
 VERTICES = [(0, 0), (2, 0), (2, 1), (1, 1.5), (0, 1 / 3)]
 ROWS = "0,0\n2,0\n2,1\n1,1.5\n0,0.3333333333333333\n"
@@ -33,14 +30,6 @@ def test_vertices_in_a_file_are_those_of_a_list(tmp_path, text):
         np.testing.assert_array_equal(problem.polygon.vertices, from_list.polygon.vertices)
         found = ul.solve(problem, h=1 / 4, H=1 / 2)
         assert found.bounds == ul.solve(from_list, h=1 / 4, H=1 / 2).bounds
-
-
-def test_decimals_in_a_file_are_exact(tmp_path):
-    """A side ends at 1/10, which is no double, so that formulas on it are as exact as with a list."""
-    (tmp_path / "part.csv").write_text("0,0\n0.1,0\n3e-1,.5\n")
-    vertices = read_domain(tmp_path / "part.csv", "part", "").exact_vertices
-    expected = [[0, 0], [Fraction(1, 10), 0], [Fraction(3, 10), Fraction(1, 2)]]
-    assert [[x.rational for x in vertex] for vertex in vertices] == expected
 
 
 @pytest.mark.parametrize(
