@@ -72,10 +72,11 @@ def Problem(
     sides k du/dn = q. Clamped sides are the keys of `u`, which has what u is there, or None for 0. c may be 0
     if a side is clamped. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
-    `polygon` has the vertices (n, 2), anticlockwise, or names a CSV file of them; side i runs from vertex i
-    to the next. f, g for all sides with contact or one per side (None on the others), u on each clamped side,
-    and q for all free sides or one per side (None on the others) are formulas in x and y, as in a problem
-    file, functions of two arrays, or arrays. Without sides that carry contact g is left out.
+    `polygon` has the vertices (n, 2), anticlockwise, or names a CSV file of them, or a mesh whose outline it
+    is; side i runs from vertex i to the next, and may be given by its name. f, g for all sides with contact
+    or one per side (None on the others), u on each clamped side, and q for all free sides or one per side
+    (None on the others) are formulas in x and y, as in a problem file, functions of two arrays, or arrays.
+    Without sides that carry contact g is left out.
 
     g and q may be dicts with sides as keys. On a side a pair of arrays, or a dict such as {"table":
     "surface.csv"}, is a table: distances s along it, from 0 to its length, and values, linear in between.

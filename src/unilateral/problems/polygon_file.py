@@ -33,13 +33,12 @@ def read_polygon(
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
         return Polygon(outline.vertices, name, {**outline.side_names, **side_names})
-    rows = read_columns(path, where, "x and y")
-    vertices = np.array([[float(row.first), float(row.second)] for row in rows]) + 0.0  # no -0.0
+    vertices, lines = read_columns(path, where, "x and y")
     if len(vertices) > 1 and np.all(vertices[-1] == vertices[0]):
         vertices = vertices[:-1]
     if len(vertices) < 3:
         raise InputError(f"{path}: it has {pluralise(len(vertices), 'vertex', 'vertices')}; three are needed")
     try:
-        return Polygon(vertices, name, side_names)
+        return Polygon(vertices + 0.0, name, side_names)  # no -0.0
     except InputError as error:
-        raise InputError(f"{path}: {error} (vertex 0 is in line {rows[0].line})") from None
+        raise InputError(f"{path}: {error} (vertex 0 is in line {lines[0]})") from None

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, read_floats
+from unilateral.arrays import Array, read_floats
 from unilateral.errors import InputError, pluralise, quote_input
 from unilateral.formulas.taylor import EPS
 from unilateral.problems.nodal import NodalTrace
@@ -22,7 +22,6 @@ END_TOLERANCE = 1e-5
 MIN_ROW_DISTANCE = 1e-9
 """The least distance between two rows, as a part of the side."""
 TABLE_NEEDED = "a table is {table: surface.csv}, or in Python (s, values), two arrays of one length"
-
 TABLE_SIDE_NEEDED = "a table is that of one side, as in {1: {table: surface.csv}}"
 
 
@@ -40,7 +39,7 @@ class TableRows(NamedTuple):
     s: Array
     values: Array
     source: str
-    lines: Index | None
+    lines: list[int] | None
 
     def name_row(self, row: int) -> str:
         """The row, as messages name it."""
@@ -57,13 +56,8 @@ def read_table(data: Any, where: str) -> TableRows:
     if isinstance(data, Mapping):
         if {*data} != {"table"} or not isinstance(data["table"], str | PathLike):
             raise InputError(f"{where}: it is {quote_input(repr(dict(data)))}; {TABLE_NEEDED}")
-        rows = read_columns(data["table"], where, "s and a value")
-        return TableRows(
-            s=np.array([float(row.first) for row in rows]),
-            values=np.array([float(row.second) for row in rows]),
-            source=str(data["table"]),
-            lines=np.array([row.line for row in rows], dtype=np.intp),
-        )
+        rows, lines = read_columns(data["table"], where, "s and a value")
+        return TableRows(rows[:, 0], rows[:, 1], str(data["table"]), lines)
     s = read_floats(data[0], f"{where}, s", TABLE_NEEDED)
     values = read_floats(data[1], f"{where}, values", TABLE_NEEDED)
     if s.ndim != 1 or s.shape != values.shape:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from os import PathLike
-from typing import NamedTuple
 
+import numpy as np
+
+from unilateral.arrays import Array
 from unilateral.errors import InputError, quote_input
 
 NUMBER_PATTERN = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,3})?")
@@ -23,20 +25,12 @@ MAX_COLUMN_BYTES = 2_000_000
 """No file is read that has more rows or bytes; a row of the most digits has 50."""
 
 
-class ColumnRow(NamedTuple):
-    """The two numbers of a row, as they are written in a file, and the number of its line."""
+def read_columns(path: str | PathLike[str], where: str, names: str) -> tuple[Array, list[int]]:
+    """The numbers (n, 2) in the rows of a file, and their lines (n,); a heading is left out.
 
-    line: int
-    first: str
-    second: str
-
-
-def read_columns(path: str | PathLike[str], where: str, names: str) -> list[ColumnRow]:
-    """The rows of a file with two columns, the `names` of which messages tell; a heading is left out.
-
-    Empty lines and those that begin with # are left out, too. Raises InputError, beginning with the file and
-    the line, for a row that is not two numbers with decimal points, and, beginning with `where`, for a file
-    that cannot be read.
+    Messages tell the `names` of the two columns. Empty lines and those that begin with # are left out, too.
+    Raises InputError, beginning with the file and the line, for a row that is not two numbers with decimal
+    points, and, beginning with `where`, for a file that cannot be read.
     """
     try:
         with open(path, "rb") as stream:
@@ -48,7 +42,8 @@ def read_columns(path: str | PathLike[str], where: str, names: str) -> list[Colu
         raise InputError(f"{where}: {path} is no text file in UTF-8; save it as CSV") from None
     if len(content) > MAX_COLUMN_BYTES:
         raise InputError(f"{where}: {path} has more than {MAX_COLUMN_BYTES} bytes, which no such file needs")
-    rows: list[ColumnRow] = []
+    rows: list[tuple[float, ...]] = []
+    row_lines: list[int] = []
     has_heading = False
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -59,10 +54,11 @@ def read_columns(path: str | PathLike[str], where: str, names: str) -> list[Colu
             continue
         if len(cells) != 2 or not all(map(NUMBER_PATTERN.fullmatch, cells)):
             raise InputError(f"{path}, line {number}: {_explain_row(line, names)}")
-        rows.append(ColumnRow(number, *cells))
+        rows.append(tuple(map(float, cells)))
+        row_lines.append(number)
     if len(rows) > MAX_COLUMN_ROWS:
         raise InputError(f"{path}: it has {len(rows)} rows; at most {MAX_COLUMN_ROWS} are read")
-    return rows
+    return np.array(rows).reshape(-1, 2), row_lines
 
 
 def _split_line(line: str) -> list[str]:
