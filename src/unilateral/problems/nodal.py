@@ -45,7 +45,7 @@ class NodalTrace:
         end = self.values[edge + 1]
         slope = (end - start) / (self.t[edge + 1] - self.t[edge])
         # With nodes that move by r the function is v(t + d), where |d| <= r
-        moved = 2 * self.place_rounding * self._steepest_slopes[edge]
+        moved = 2 * self.place_rounding * self._steepest_slopes[edge] if self.place_rounding else 0.0
         rounding = SLOPE_ROUNDING * (np.abs(start) + np.abs(end)) + moved
         linear = number_model(t, start) + number_model(t, slope) * (t + number_model(t, -self.t[edge]))
         return linear + range_model(t.basis, (-rounding, rounding))

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, read_floats
+from unilateral.arrays import MAX_INPUT_VALUE, Array, read_floats
 from unilateral.errors import InputError, pluralise, quote_input
 from unilateral.formulas.taylor import EPS
 from unilateral.problems.nodal import NodalTrace
@@ -78,9 +78,10 @@ def make_table(table: TableRows, side: int, length: float) -> SideTable:
             f"{table.source}: it has {pluralise(len(s), 'row')}; a table has one at each end of the side"
         )
     for values in (s, table.values):
-        wrong = np.flatnonzero(~np.isfinite(values))
+        wrong = np.flatnonzero(~(np.abs(values) <= MAX_INPUT_VALUE))
         if wrong.size:
-            raise InputError(f"{table.name_row(wrong[0])}: {values[wrong[0]]} is no finite number")
+            value = values[wrong[0]]
+            raise InputError(f"{table.name_row(wrong[0])}: {value:g} is no number up to {MAX_INPUT_VALUE:g}")
     for row, end in ((0, 0.0), (-1, length)):
         if abs(s[row] - end) > END_TOLERANCE * length:
             raise InputError(

@@ -196,6 +196,7 @@ def test_a_mapping_that_does_not_fit_the_sides_is_refused(tmp_path, g):
         {0: ([0, 0.5, 0.5, 1], [0, 0, 1, 1])},
         {0: ([0, 0.5, np.nan, 1], [0, 0, 1, 1])},
         {0: ([0, 0.5, 1], [0, np.inf, 1])},
+        {0: ([0, 0.5, 1], [0, -1e300, 1e300])},
         {0: {"table": 5}},
         {4: ROWS},
         {0: (ROWS, ROWS)},
