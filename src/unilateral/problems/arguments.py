@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from unilateral.arrays import Array, read_floats
 from unilateral.errors import InputError, quote_input, suggest_name
 from unilateral.geometry.polygon import Polygon
 
-Entry = TypeVar("Entry")
 PAIRS_NEEDED = "it has to be a list of pairs (x, y), anticlockwise, such as [(0, 0), (1, 0), (0, 1)]"
 
 
@@ -71,7 +70,7 @@ def as_side_numbers(values: object, polygon: Polygon, where: str) -> list[int]:
     return sides
 
 
-def expand_sides(entries: Iterable[tuple[object, Entry]], polygon: Polygon, where: str) -> dict[int, Entry]:
+def expand_sides(entries: Iterable[tuple[object, Any]], polygon: Polygon, where: str) -> dict[int, Any]:
     """The entries by the numbers of sides, from pairs of a number, or a name of several sides, and an entry.
 
     Raises InputError for a side that does not exist or is given twice.

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import replace
 from numbers import Number
 from os import PathLike
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -69,7 +68,7 @@ def make_problem(
         )
     mesh = polygon if isinstance(polygon, Mesh) else None
     if isinstance(polygon, str | PathLike):
-        domain = read_polygon(polygon, name, f"{name}, field polygon")
+        domain = read_polygon(polygon, name, f"{name}, field polygon", {})
     elif mesh is None:
         vertices = arguments.as_vertices(polygon, f"{name}, field polygon")
         check_vertex_count(vertices, name)
@@ -88,9 +87,7 @@ def check_vertex_count(vertices: Sized, where: str) -> None:
         raise InputError(f"{where}, field polygon: {TOO_MANY_VERTICES.format(len(vertices))}")
 
 
-def make_polygon(
-    vertices: Array, name: str, where: str, side_names: Mapping[str, Any] = MappingProxyType({})
-) -> Polygon:
+def make_polygon(vertices: Array, name: str, where: str, side_names: Mapping[str, Any]) -> Polygon:
     """The polygon with these vertices (n, 2). Raises InputError, beginning with `where`."""
     try:
         return Polygon(vertices + 0.0, name, side_names)  # no -0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,7 @@ COLUMN_SUFFIXES = (".csv", ".txt", ".dat")
 """The endings of files with columns of numbers; any other file is one of a mesh."""
 
 
-def read_polygon(
-    path: str | PathLike[str], name: str, where: str, side_names: Mapping[str, Any] = MappingProxyType({})
-) -> Polygon:
+def read_polygon(path: str | PathLike[str], name: str, where: str, side_names: Mapping[str, Any]) -> Polygon:
     """The polygon of that name in a file: columns x and y, whose last row may be the first one again.
 
     Of a mesh it is the outline, whose sides have the names of the mesh's curves, too. Raises InputError, with
