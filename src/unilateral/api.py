@@ -15,6 +15,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,7 +65,7 @@ def Problem(
     k: str | float = 1,
     c: str | float = 1,
     q: GivenOnSides = 0,
-    u: Mapping[int | str, Given] | None = None,
+    u: Mapping[Any, Given] | None = None,
 ) -> problems.Problem:
     """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that carry contact.
 

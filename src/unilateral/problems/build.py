@@ -37,7 +37,7 @@ from unilateral.problems.reading import (
 )
 from unilateral.problems.side_models import SideData
 
-GivenOnSides = Given | Sequence[Given] | Mapping[int | str, Given]
+GivenOnSides = Given | Sequence[Given] | Mapping[Any, Given]
 """What a user gives for all sides, for each, or by their numbers and names."""
 MAX_COEFFICIENT = 1e30
 """The largest k and c; the smallest is 1 over this."""
@@ -57,7 +57,7 @@ def make_problem(
     k: str | float = 1,
     c: str | float = 1,
     q: GivenOnSides = 0,
-    u: Mapping[int | str, Given] | None = None,
+    u: Mapping[Any, Given] | None = None,
 ) -> Problem:
     """The problem with the arguments of `api.Problem`. Raises InputError with the argument."""
     if not isinstance(name, str) or not name:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 from math import hypot
 from numbers import Number
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -58,7 +59,7 @@ def read_source(data: Given, mesh: Mesh | None, where: str) -> Expression | Arra
 
 def read_sides(
     field: str,
-    field_data: Given | Sequence[Given] | Mapping[int | str, Given],
+    field_data: Given | Sequence[Given] | Mapping[Any, Given],
     polygon: Polygon,
     ends: list[SideEnds],
     free: Collection[int],
