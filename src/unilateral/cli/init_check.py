@@ -199,7 +199,12 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         axes.plot(*ends.T, **CLAMPED_SIDE_STYLE if clamped else _side_style(problem, side) | {"linewidth": 2})
         offset = (18 if clamped else 9) * polygon.normals[side]
         axes.annotate(
-            str(side), ends.mean(axis=0), offset, textcoords="offset points", ha="center", va="center"
+            polygon.label_side(side),
+            ends.mean(axis=0),
+            offset,
+            textcoords="offset points",
+            ha="center",
+            va="center",
         )
     title = "f, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(problem.clamped_sides)
     axes.use_sticky_edges = False
