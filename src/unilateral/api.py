@@ -15,6 +15,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +39,14 @@ from unilateral.problems.reading import Given
 from unilateral.solution import certification
 from unilateral.solution.forces import read_force_sides
 from unilateral.solution.shortfalls import warn_of_shortfalls
-from unilateral.solution.sizes import MESH_KINDS, Size, check_mesh_kind, mesh_problem, read_optional_number
+from unilateral.solution.sizes import (
+    MESH_KINDS,
+    Size,
+    check_mesh_kind,
+    fit_mesh,
+    mesh_problem,
+    read_optional_number,
+)
 from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop
 from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
@@ -49,16 +57,16 @@ __all__ = ["MESH_KINDS", "Problem", "Solver", "case", "certify", "load", "mesh",
 
 
 def Problem(
-    polygon: Polygon | Mesh | ArrayLike,
+    polygon: Polygon | Mesh | ArrayLike | str | os.PathLike[str],
     f: Given,
     g: GivenOnSides = None,
-    free_sides: Sequence[int] | None = (),
+    free_sides: Sequence[int | str] | None = (),
     name: str = "problem",
     *,
     k: str | float = 1,
     c: str | float = 1,
     q: GivenOnSides = 0,
-    u: Mapping[int, Given] | None = None,
+    u: Mapping[Any, Given] | None = None,
 ) -> problems.Problem:
     """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that carry contact.
 
@@ -66,10 +74,14 @@ def Problem(
     sides k du/dn = q. Clamped sides are the keys of `u`, which has what u is there, or None for 0. c may be 0
     if a side is clamped. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
-    `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
-    sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
-    or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
-    arrays, or arrays. Without sides that carry contact g is left out.
+    `polygon` has the vertices (n, 2), anticlockwise, or names a CSV file of them, or a mesh whose outline it
+    is; side i runs from vertex i to the next, and may be given by its name. f, g for all sides with contact
+    or one per side (None on the others), u on each clamped side, and q for all free sides or one per side
+    (None on the others) are formulas in x and y, as in a problem file, functions of two arrays, or arrays.
+    Without sides that carry contact g is left out.
+
+    g and q may be dicts with sides as keys. On a side a pair of arrays, or a dict such as {"table":
+    "surface.csv"}, is a table: distances s along it, from 0 to its length, and values, linear in between.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
     stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g, q
@@ -167,7 +179,7 @@ def solve(
     accuracy: Size | None = None,
     *,
     norm: str = "h1",
-    sides: Sequence[int] | None = None,
+    sides: Sequence[int | str] | None = None,
     mesh: Mesh | str = "",
     stop: Stop | None = None,
     max_unknowns: float | None = None,
@@ -186,7 +198,8 @@ def solve(
     The problem is one of `Problem`, `case` and `load`, or the name of a case or of a YAML file.
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
-    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h.
+    `mesh` is "structured", "unstructured" or a mesh of one's own, which takes the place of h. For an accuracy
+    that mesh is the coarsest, and is refined.
 
     An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}. It is relative to that norm
     of the solution; if it is `absolute`, it is the largest error itself. With `norm` "force" it is half of
@@ -239,8 +252,8 @@ def solve(
         warn_of_shortfalls(solution, is_user_mesh)
         return solution
     # up to an accuracy, on meshes that the search makes
-    if h is not None or H is not None or isinstance(mesh, Mesh):
-        raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
+    if h is not None or H is not None:
+        raise InputError("an accuracy makes its own meshes; leave it out, or leave out h and H")
     if problem.mesh is not None:
         raise InputError(
             f"'{problem.name}' has a mesh of its own, and an accuracy chooses meshes; give H instead, or "
@@ -258,7 +271,7 @@ def solve(
         **{name: read_optional_number(name, limit) for name, limit in limits.items()},
         sharp=sharp or norm == "hm12",
         absolute=absolute,
-        kind=mesh,
+        kind=mesh if isinstance(mesh, str) else "",
         stop=stop or Stop(),
     )
     needs_contact = goal.norm == "hm12" or (goal.norm == "force" and not goal.sides)
@@ -266,7 +279,8 @@ def solve(
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
-        levels = search(problem, goal, tell, dry_run, begin)
+        coarsest = fit_mesh(mesh, problem.polygon) if isinstance(mesh, Mesh) else None
+        levels = search(problem, goal, tell, dry_run, begin, coarsest)
     solution = Solution(problem, levels.best.solved, levels)
     if not dry_run:
         warn_of_shortfalls(solution)
@@ -358,7 +372,9 @@ def _as_problem(problem_or_name: object) -> problems.Problem:
     return problem
 
 
-def _read_goal_sides(problem: problems.Problem, norm: str, sides: Sequence[int] | None) -> tuple[int, ...]:
+def _read_goal_sides(
+    problem: problems.Problem, norm: str, sides: Sequence[int | str] | None
+) -> tuple[int, ...]:
     """The sides whose force an accuracy is for: those that are given, or all with contact; () for a norm.
 
     Raises InputError for sides that have no force.
@@ -369,7 +385,7 @@ def _read_goal_sides(problem: problems.Problem, norm: str, sides: Sequence[int] 
         raise InputError("sides is only for the norm 'force'; leave it out")
     if sides is None:
         return tuple(problem.contact_sides)
-    numbers = read_force_sides(sides, problem.polygon.n_sides, problem.clamped_sides)
+    numbers = read_force_sides(sides, problem.polygon, problem.clamped_sides)
     with_force = tuple(side for side in numbers if side not in problem.free_sides)
     if not with_force:
         raise InputError(f"sides {numbers} are free sides, where the flux is given; name others")

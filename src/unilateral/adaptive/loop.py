@@ -124,6 +124,7 @@ def search(
     report_level: Callable[[Level], None] | None = None,
     dry_run: bool = False,
     start_time: float | None = None,
+    coarsest: Mesh | None = None,
 ) -> Search:
     """Solves level after level until one is certified, or nothing more can be done.
 
@@ -140,6 +141,8 @@ def search(
         The loop ends when the levels are enough for a plan.
     start_time : optional
         The `time.perf_counter()` from which the seconds of the limit count; by default now.
+    coarsest : optional
+        A mesh of the problem's polygon from which all meshes are refined; by default one is made.
 
     Returns
     -------
@@ -163,7 +166,7 @@ def search(
     try:
         forget_peak()
         check_limits(problem.polygon, goal, perf_counter() - start_time)
-        mesh = make_first_mesh(problem.polygon, goal)
+        mesh = make_first_mesh(problem.polygon, goal, coarsest)
         start = perf_counter()
         while True:
             # Solve and bound
@@ -236,14 +239,22 @@ def conclude_search(levels: list[Level], fault: str, dry_run: bool) -> Search:
     )
 
 
-def make_first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
-    """The coarsest mesh. Where all sides are short it is graded, if meshes may be so.
+def make_first_mesh(polygon: Polygon, goal: Goal, coarsest: Mesh | None = None) -> AdaptedMesh:
+    """The first mesh. Where all sides are short it is graded, if meshes may be so.
 
-    Raises InputError if it has more unknowns than the goal allows, where possible before it is made.
+    If a `coarsest` one is given, it is that with all edges halved: boundary edges then come in pairs, and
+    each pair is a cell, an edge of the coarsest mesh. Raises InputError if the first mesh has more unknowns
+    than the goal allows, where possible before it is made.
     """
     kind = goal.kind or default_mesh_kind(polygon)
     H = float(polygon.lengths.max())
     max_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    if coarsest is not None:
+        # Halving adds a node on each edge; Euler: nodes - edges + triangles = 1 without holes
+        n_nodes = 2 * coarsest.n_nodes + len(coarsest.triangles) - 1
+        if n_nodes <= max_unknowns:
+            return start_adapted_mesh(meshes.refine_uniformly(coarsest))
+        raise _too_many_unknowns_error(polygon, str(n_nodes), max_unknowns)
     # Short sides need short edges, which need not go on inside: adapted meshes may be graded
     min_count = min_unknowns(polygon, H / 2)
     graded = min_count > MIN_ADAPTED_UNKNOWNS and kind == "unstructured" and goal.can_adapt
@@ -254,7 +265,11 @@ def make_first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
         needed = str(mesh.n_nodes)
     else:
         needed = f"at least {min_count:.2g}"
-    raise InputError(
+    raise _too_many_unknowns_error(polygon, needed, max_unknowns)
+
+
+def _too_many_unknowns_error(polygon: Polygon, needed: str, max_unknowns: float) -> InputError:
+    return InputError(
         f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; "
         f"max_unknowns={max_unknowns:.0f} has to be at least that"
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from unilateral.errors import InputError
 from unilateral.formulas.expression import ZERO, Expression, find_functions
 from unilateral.formulas.formula import polynomial_coefficients
+from unilateral.problems.side_tables import SideTable
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
@@ -80,6 +81,8 @@ def _state_number(number: Expression, where: str) -> str:
 
 def _state_function(formula: object, where: str, is_exact: Callable[[Terms], bool]) -> list[list[Any]] | str:
     """The terms of a polynomial with fractions, if `is_exact` says that it is read as one; else a formula."""
+    if isinstance(formula, SideTable):
+        raise _unread_error(f"{where}:", "it is a table")
     if not isinstance(formula, Expression):
         raise _unread_error(f"{where}:", "it is linear between the nodes of the mesh")
     if find_functions(formula, "pos"):

@@ -42,12 +42,12 @@ def parse_count(text: str | int) -> int:
     return int(text)
 
 
-def parse_sides(text: str) -> tuple[int, ...]:
-    """Numbers of sides such as 1,2,3; as a type of arguments."""
-    numbers = text.split(",")
-    if not all(map(is_count, numbers)):
-        raise click.BadParameter(f"'{quote_input(text)}' must be numbers of sides such as 1,2,3")
-    return tuple(sorted({int(number) for number in numbers}))
+def parse_sides(text: str) -> tuple[int | str, ...]:
+    """Numbers or names of sides such as 1,2,lid, each once; as a type of arguments."""
+    words = [word.strip() for word in text.split(",")]
+    if not all(words):
+        raise click.BadParameter(f"'{quote_input(text)}' must be numbers or names of sides such as 1,2,3")
+    return tuple(dict.fromkeys(int(word) if is_count(word) else word for word in words))
 
 
 def complete_problem(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

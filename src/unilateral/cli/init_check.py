@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.errors import InputError, quote_input
+from unilateral.errors import InputError
 from unilateral.formulas.decimals import format_down, format_up
 from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ONE, ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
+from unilateral.problems.fields import describe_data, join_sides
 from unilateral.problems.problem import Problem, as_formula
+from unilateral.problems.side_tables import SideTable
 from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
 from unilateral.system.files import check_target, replacing
 
@@ -82,12 +84,13 @@ def describe_problem(problem: Problem) -> Iterator[str]:
     lower_text = format_bound(lower, largest, format_down)
     upper_text = format_bound(upper, largest, format_up)
     values = f"between {lower_text} and {upper_text}, rounding included"
-    yield f"  f           {_describe_formula(as_formula(problem.f), values)}"
+    yield f"  f           {_describe_data(problem.f, values)}"
     for side in range(polygon.n_sides):
         start = _format_vertex(polygon.vertices[side % polygon.n_sides])
         end = _format_vertex(polygon.vertices[(side + 1) % polygon.n_sides])
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
-        yield f"  {f'side {side}':11} {where}: {_describe_condition(problem, side)}"
+        label = polygon.label_side(side)
+        yield f"  {f'side {label}':11} {where}: {_describe_condition(problem, side)}"
     if not problem.contact_sides:
         yield f"  contact     {LINEAR_PROBLEM_NOTE}"
     if problem.u_lower_bound > -np.inf:
@@ -95,7 +98,7 @@ def describe_problem(problem: Problem) -> Iterator[str]:
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
-        yield f"  no contact  on {sides} {', '.join(map(str, idle))}, where g is below this bound"
+        yield f"  no contact  on {sides} {join_sides(idle, polygon)}, where g is below this bound"
 
 
 def _describe_lower_bound(problem: Problem, largest_f: float) -> str:
@@ -112,30 +115,37 @@ def _describe_lower_bound(problem: Problem, largest_f: float) -> str:
 
 def _describe_condition(problem: Problem, side: int) -> str:
     """Words on the condition on a side and on the range of its data."""
-    formula = _side_formula(problem, side)
-    values = _evaluate_along_side(problem, formula, side)
+    data = _side_data(problem, side)
+    _, values = _sample_along_side(problem, data, side)
     size = np.abs(values).max()
     # values that are rounding are 0
     rounded = np.where(np.abs(values) > RELATIVE_VALUE_ROUNDING * size, values, 0.0)
     lowest = rounded.min()
     highest = rounded.max()
-    text = _describe_formula(formula, f"from {lowest:.4g} to {highest:.4g}")
+    text = _describe_data(data, f"from {lowest:.4g} to {highest:.4g}")
     if side in problem.free_sides:
         return f"free, {'' if problem.k == ONE else 'k '}du/dn = {text}"
     return f"clamped, u = {text}" if side in problem.clamped_sides else f"u >= {text}"
 
 
-def _side_formula(problem: Problem, side: int) -> Expression:
+def _side_data(problem: Problem, side: int) -> object:
     """g, on a clamped side u, or on a free side q."""
     if side not in problem.free_sides:
-        return as_formula(problem.g[side])
-    return as_formula(problem.q[side]) if problem.q else ZERO
+        return problem.g[side]
+    return problem.q[side] if problem.q else ZERO
 
 
-def _evaluate_along_side(problem: Problem, formula: Expression, side: int) -> Array:
-    """Values (POINTS_PER_SIDE,) of a formula at points of a side, its ends and its middle included."""
-    t = np.linspace(0, problem.polygon.lengths[side], POINTS_PER_SIDE)
-    return compile_numpy([formula], "xy")(*problem.polygon.at(np.full(POINTS_PER_SIDE, side), t).T)[0]
+def _sample_along_side(problem: Problem, data: object, side: int) -> tuple[Array, Array]:
+    """Distances along a side, its ends included, and the values of the data there, (k,) each.
+
+    They are those of a table, or of a formula at POINTS_PER_SIDE points.
+    """
+    length = problem.polygon.lengths[side]
+    if isinstance(data, SideTable):
+        return data.t * length, data.values
+    s = np.linspace(0, length, POINTS_PER_SIDE)
+    x, y = problem.polygon.at(np.full(POINTS_PER_SIDE, side), s).T
+    return s, compile_numpy([as_formula(data)], "xy")(x, y)[0]
 
 
 def format_bound(bound: float, largest: float, round_outward: Callable[[float, str], str]) -> str:
@@ -154,9 +164,10 @@ def format_bound(bound: float, largest: float, round_outward: Callable[[float, s
     return round_outward(bound, ".12g")
 
 
-def _describe_formula(formula: Expression, range_text: str) -> str:
-    """The formula, with what is said of its values where it is more than a number."""
-    return f"{quote_input(formula)}, {range_text}" if formula.variables else quote_input(formula)
+def _describe_data(data: object, range_text: str) -> str:
+    """A formula or a table, with what is said of its values where it is more than a number."""
+    is_number = isinstance(data, Expression) and not data.variables
+    return describe_data(data) + f", {range_text}" * (not is_number)
 
 
 def _format_vertex(vertex: Array) -> str:
@@ -189,7 +200,12 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
         axes.plot(*ends.T, **CLAMPED_SIDE_STYLE if clamped else _side_style(problem, side) | {"linewidth": 2})
         offset = (18 if clamped else 9) * polygon.normals[side]
         axes.annotate(
-            str(side), ends.mean(axis=0), offset, textcoords="offset points", ha="center", va="center"
+            polygon.label_side(side),
+            ends.mean(axis=0),
+            offset,
+            textcoords="offset points",
+            ha="center",
+            va="center",
         )
     title = f"{source_text}, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(
         problem.clamped_sides
@@ -230,10 +246,8 @@ def _draw_side_data(axes: Axes, problem: Problem) -> None:
     polygon = problem.polygon
     clamped = "; thick: u" * bool(problem.clamped_sides)
     for side in range(polygon.n_sides):
-        s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS_PER_SIDE)
-        axes.plot(
-            s, _evaluate_along_side(problem, _side_formula(problem, side), side), **_side_style(problem, side)
-        )
+        s, values = _sample_along_side(problem, _side_data(problem, side), side)
+        axes.plot(polygon.starts[side] + s, values, **_side_style(problem, side))
     for start in polygon.starts:
         axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
     axes.set(xlabel="arc length along the boundary, a line at each vertex",

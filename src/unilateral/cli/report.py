@@ -19,6 +19,7 @@ from unilateral.bounds.forces import Force
 from unilateral.cli.guard import rewrite_as_options
 from unilateral.errors import pluralise
 from unilateral.formulas.decimals import add_guarantee, format_down, format_interval, format_up
+from unilateral.geometry.polygon import Polygon
 from unilateral.problems.problem import Problem
 from unilateral.solution.bounds import (
     Bounds,
@@ -80,7 +81,11 @@ def format_result(
         # a narrow interval is printed with as many digits as are known
         spec = "" if 0 < upper - lower < NARROW_FORCE_RATIO * abs(value) else NUMBER_FORMAT
         rows[row.label] = format_interval(lower, upper, value, spec)
-    rows |= _contact_rows(record["contact"]) if record["multipliers"] else {"contact": LINEAR_PROBLEM_NOTE}
+    rows |= (
+        _contact_rows(record["contact"], problem.polygon)
+        if record["multipliers"]
+        else {"contact": LINEAR_PROBLEM_NOTE}
+    )
     if bounds is not None:
         label = "guaranteed" if bounds.u < math.inf else "error of u"
         rows[label] = _format_error_bound("h1", bounds.u, norms_below["h1"], problem)
@@ -136,7 +141,7 @@ def format_file_row(file: Path) -> str:
     return f"  {'written':27} {file}, {format_file_size(file)}"
 
 
-def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
+def _contact_rows(contact_record: dict[str, Any], polygon: Polygon) -> dict[str, str]:
     """The rows of the contact set: one, and one for each side in contact unless there are too many."""
     if contact_record["full"]:
         return {"contact": f"the whole boundary, length {contact_record['length']:.6g}"}
@@ -153,7 +158,9 @@ def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
             if len(intervals) > MAX_INTERVALS_PER_SIDE
             else ""
         )
-        rows[f"contact, side {side}"] = f"{listed}{omitted}; length {contact_record['lengths'][side]:.6g}"
+        rows[f"contact, side {polygon.label_side(side)}"] = (
+            f"{listed}{omitted}; length {contact_record['lengths'][side]:.6g}"
+        )
     return rows
 
 

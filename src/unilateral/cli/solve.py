@@ -229,7 +229,7 @@ def report_solution(
     }
     print_result(format_result(record, bounds, norms_below, forces, doubt, solution.problem))
     if bounds and not (search or errors or solution.solved.is_foreign) and is_too_coarse(solution, bounds):
-        print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
+        print_result(f"  {'hint':27} {TOO_COARSE_HINT}")
     return record, interrupted
 
 
@@ -289,12 +289,13 @@ def list_force_rows(solution: Solution, sharp: bool) -> list[ForceRow]:
     forces = solution.forces(sharp)
     contact_sides = np.unique(solution.partition.side[solution.solved.cells])
     rows = [ForceRow("boundary", "force, boundary", forces.whole)] if contact_sides.size else []
-    for side in contact_sides:
-        rows.append(ForceRow(f"side_{side}", f"force, side {side}", forces.sides[side]))
+    label = solution.polygon.label_side
+    for side in contact_sides.tolist():
+        rows.append(ForceRow(f"side_{side}", f"force, side {label(side)}", forces.sides[side]))
     for sides, reaction in forces.reactions.items():
         numbers = [str(side) for side in sides]
-        label = f"reaction, side{'s' * (len(sides) > 1)} {', '.join(numbers)}"
-        rows.append(ForceRow("_".join(["reaction", *numbers]), label, reaction))
+        text = f"reaction, side{'s' * (len(sides) > 1)} {', '.join(map(label, sides))}"
+        rows.append(ForceRow("_".join(["reaction", *numbers]), text, reaction))
     if forces.total and contact_sides.size + len(forces.reactions) > 1:
         rows.append(ForceRow("forces_and_reactions", "sum of forces, reactions", forces.total))
     return rows

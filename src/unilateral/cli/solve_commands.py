@@ -82,8 +82,8 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--sides",
     type=parse_sides,
     metavar="0,2",
-    help="with --norm force: the sides whose force is meant, with the reactions on clamped ones "
-    "(default: all with contact)",
+    help="with --norm force: the sides of this force, by numbers or names, with the reactions on clamped "
+    "sides (default: all sides with contact)",
 )
 @click.option(
     "--max-unknowns",
@@ -127,8 +127,9 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--mesh",
     metavar="KIND|FILE",
     shell_complete=lambda ctx, param, incomplete: arguments.complete_names(incomplete, [*MESH_KIND_NAMES]),
-    help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
-    "default: structured on unit squares or without gmsh; with --accuracy refined where the bound is large",
+    help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles, which "
+    "--accuracy refines; default: structured on unit squares or without gmsh; with --accuracy refined where "
+    "the bound is large",
 )
 @click.option(
     "--algorithm",
@@ -176,11 +177,9 @@ def _check_alternatives(
     ctx: click.Context, options: dict[str, Any], given_options: set[str], is_user_mesh: bool
 ) -> None:
     """Raises UsageError unless the options are those of given sizes, or those of an accuracy."""
-    if is_user_mesh and options["accuracy"] is not None:
-        ctx.fail("--accuracy makes its own meshes; with a mesh in a file give --H instead")
     if options["accuracy"] is None:
         if is_user_mesh and "H" not in given_options:
-            ctx.fail("a mesh in a file needs --H, the longest cell of the multiplier")
+            ctx.fail("a mesh in a file needs --H, the longest cell of the multiplier, or --accuracy")
         missing = [name for name in ("h", "H") if name not in given_options and not is_user_mesh]
         if missing:
             ctx.fail(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from unilateral.errors import InputError, SolutionWarning, pluralise, quote_input
-from unilateral.geometry.foreign import as_mesh, extract_meshio_triangles
+from unilateral.geometry.foreign import as_mesh, extract_meshio_triangles, find_named_edges
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import Polygon
@@ -121,7 +121,7 @@ def read_mesh(path: str | PathLike[str], polygon: Polygon | None = None, corners
     used = np.unique(triangles[in_range])
     # numbers out of range are left to as_mesh to refuse, as the file has them
     if len(used) == len(points) or not in_range.all():
-        return as_mesh(points, triangles, polygon, where)
+        return as_mesh(points, triangles, polygon, where, find_named_edges(content))
     unused = np.setdiff1d(np.arange(len(points)), used)
     dropped = pluralise(len(unused), "node of no triangle is", "nodes of no triangle are")
     message = (
@@ -131,7 +131,11 @@ def read_mesh(path: str | PathLike[str], polygon: Polygon | None = None, corners
         "nodes are numbered anew"
     )
     warnings.warn(f"{where}: {message}", SolutionWarning, stacklevel=3)
-    return as_mesh(points[used], np.searchsorted(used, triangles), polygon, where)
+    named = {
+        name: np.searchsorted(used, pairs[np.isin(pairs, used).all(axis=1)])
+        for name, pairs in find_named_edges(content).items()
+    }
+    return as_mesh(points[used], np.searchsorted(used, triangles), polygon, where, named)
 
 
 def read_with_meshio(path: str | PathLike[str]) -> Any:

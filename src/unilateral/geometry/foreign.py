@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,7 @@ from unilateral.geometry.triangulation_checks import describe_node
 from unilateral.system.memory import available_mb
 
 SECOND_ORDER_FAULT = "whose edges may be curved, unlike those of a polygon; take straight ones"
+OWN_SIDE_NAME = re.compile(r"side_\d+")
 MAX_MESH_HALVINGS = 12
 BYTES_PER_NODE = 400
 """A refined mesh takes about so many bytes per node, with what it knows of its edges."""
@@ -27,10 +31,12 @@ def as_mesh(
     triangles: ArrayLike | None = None,
     polygon: Polygon | None = None,
     where: str = "mesh",
+    named_edges: Mapping[str, Index] = MappingProxyType({}),
 ) -> Mesh:
     """The mesh of points (n, 2) and `triangles` (m, 3), or of another program's object.
 
-    By default the polygon is the one that the triangles' boundary forms, as `find_outline` finds it. Raises
+    By default the polygon is the one that the triangles' boundary forms, as `find_outline` finds it with the
+    `named_edges`. Raises
     InputError as `from_arrays`. Warns by a SolutionWarning where nodes were moved onto its sides, and where
     corners turn by less than SLIGHT_TURN_RADIANS.
     """
@@ -41,7 +47,7 @@ def as_mesh(
     cells = _as_triangle_indices(cells, where)
     if polygon is not None:
         return from_arrays(polygon, points, cells, where, may_be_rounded=True)
-    boundary = find_outline(points, cells, where)
+    boundary = find_outline(points, cells, where, named_edges)
     mesh = from_arrays(boundary.polygon, points, cells, where, may_be_rounded=True)
     _warn_of_moved_nodes(boundary, points, mesh, where)
     _warn_of_slight_corners(mesh.polygon, where)
@@ -69,9 +75,12 @@ def _warn_of_moved_nodes(outline: Outline, points: Array, mesh: Mesh, where: str
 def _warn_of_slight_corners(polygon: Polygon, where: str) -> None:
     """Warns of corners that may come from a rounding that the coordinates show no more.
 
-    A mesh that was rounded, and scaled or moved afterwards, has such corners on its straight sides.
+    A mesh that was rounded, and scaled or moved afterwards, has such corners on its straight sides. At the
+    ends of named sides there may be none.
     """
-    slight = np.flatnonzero(np.abs(np.pi - polygon.angles) < SLIGHT_TURN_RADIANS)
+    names = [polygon.label_side(side).partition(" ")[2] for side in range(polygon.n_sides)]
+    same_name = np.array([name == names[side - 1] for side, name in enumerate(names)])
+    slight = np.flatnonzero(same_name & (np.abs(np.pi - polygon.angles) < SLIGHT_TURN_RADIANS))
     if slight.size:
         x, y = polygon.vertices[slight[0]]
         turns = pluralise(slight.size, "vertex turns", "vertices turn")
@@ -167,6 +176,24 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
         raise InputError(f"{where}: there are no triangles; a mesh of plain triangles is needed")
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
     return points, triangles[np.sort(first)]
+
+
+def find_named_edges(content: Any) -> dict[str, Index]:
+    """The pairs of nodes (k, 2) on each named curve, a physical one of gmsh, in a mesh of meshio.
+
+    The names that this library writes, side_0 and so on, say no more than the numbers.
+    """
+    lines = [
+        (block.data[:, :2], np.asarray(tags))
+        for block, tags in zip(content.cells, content.cell_data.get("gmsh:physical", []), strict=False)
+        if block.type.startswith("line")
+    ]
+    names = {name: tag for name, (tag, dimension) in content.field_data.items() if dimension == 1}
+    return {
+        name: np.concatenate([pairs[tags == tag] for pairs, tags in lines]).astype(np.intp)
+        for name, tag in names.items()
+        if lines and not OWN_SIDE_NAME.fullmatch(name)
+    }
 
 
 def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:

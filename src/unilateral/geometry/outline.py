@@ -7,7 +7,9 @@ for.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -52,10 +54,14 @@ class Outline(NamedTuple):
     max_rounding_turn: float
 
 
-def find_outline(points: Array, triangles: Index, where: str) -> Outline:
+def find_outline(
+    points: Array, triangles: Index, where: str, named_edges: Mapping[str, Index] = MappingProxyType({})
+) -> Outline:
     """The polygon that the triangles' boundary forms, anticlockwise, from the first of its corners on.
 
-    Raises InputError for a boundary that is not one closed line, and where rounding leaves its corners open.
+    The sides have the names of which `named_edges` has their edges, pairs of nodes (k, 2). A side ends where
+    the names change, without a corner, too. Raises InputError for a boundary that is not one closed line, and
+    where rounding leaves its corners open.
     """
     line = order_boundary_nodes(points, triangles, where)
     places = points[line]
@@ -72,6 +78,13 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
         corners, rounded, unclear = _classify_typed(turns, straight, rounding_turns, digit_turns)
     else:
         corners, rounded, unclear = _classify_computed(turns, straight, rounding_turns)
+    has_names = _find_named_edges(line, named_edges)
+    ends = np.zeros_like(corners)
+    for mask in has_names.values():
+        ends |= mask != np.roll(mask, 1)
+    corners |= ends
+    rounded &= ~ends
+    unclear &= ~ends
     if unclear.any():
         worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
@@ -86,7 +99,20 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
         )
     _check_straightness(points, line, corners, point_errors, where)
     max_rounding_turn = float(np.abs(turns[rounded]).max(initial=0.0))
-    return Outline(Polygon(places[corners], Path(where).stem), line[rounded], max_rounding_turn)
+    side_names = {name: np.flatnonzero(mask[corners]) for name, mask in has_names.items()}
+    return Outline(Polygon(places[corners], Path(where).stem, side_names), line[rounded], max_rounding_turn)
+
+
+def _find_named_edges(line: Index, named_edges: Mapping[str, Index]) -> dict[str, Mask]:
+    """Masks (n,) of the edges that have each name, of those from each node of a closed line to the next."""
+    # An edge is known by its two nodes, the smaller number first
+    n = int(line.max()) + 1
+    edges = np.sort(np.column_stack([line, np.roll(line, -1)]), axis=1) @ [n, 1]
+    masks = {
+        name: np.isin(edges, np.sort(pairs, axis=1)[pairs.max(axis=1, initial=0) < n] @ [n, 1])
+        for name, pairs in named_edges.items()
+    }
+    return {name: mask for name, mask in masks.items() if mask.any()}
 
 
 def _classify_typed(turns: Array, straight: Mask, rounding_turns: Array, digit_turns: Array) -> TurnKinds:

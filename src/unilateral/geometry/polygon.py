@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib import resources
+from typing import Any
 
 import numpy as np
 
@@ -38,13 +40,15 @@ class Polygon:
         They are listed anticlockwise.
     name : str
         How messages call it.
+    side_names : mapping, optional
+        Names of sides, each with the number of a side or with a list of numbers.
 
     Raises
     ------
     InputError
         If the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise, too far apart
         or too near, if a side is lost beside the perimeter by rounding, or if two sides touch elsewhere than
-        in their common vertex.
+        in their common vertex; and for names of sides that do not exist.
 
     Examples
     --------
@@ -56,12 +60,15 @@ class Polygon:
 
     vertices: Array
     name: str = field(default="polygon")
+    side_names: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         pairs = "its vertices have to be pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
         vertices = make_read_only(read_floats(self.vertices, f"polygon '{self.name}'", pairs))
         object.__setattr__(self, "vertices", vertices)
         _check_vertices(vertices, self.name)
+        names = {name: _read_named_sides(name, sides, self) for name, sides in self.side_names.items()}
+        object.__setattr__(self, "side_names", names)
 
     def __repr__(self) -> str:
         return f"Polygon '{self.name}': {self.n_sides} sides, area {self.area:.4g}"
@@ -132,6 +139,11 @@ class Polygon:
         """The largest distance of two vertices."""
         return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
 
+    def label_side(self, side: int) -> str:
+        """The number of a side, with its names in brackets."""
+        names = [name for name, sides in self.side_names.items() if side in sides]
+        return f"{side} ({', '.join(names)})" if names else str(side)
+
     def sides_of(self, s: Array) -> Index:
         """The sides on which arc lengths s of the perimeter lie, at a vertex the later one, (k,)."""
         return np.searchsorted(self.starts, s, side="right") - 1
@@ -186,6 +198,21 @@ class Polygon:
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
+
+
+def _read_named_sides(name: object, sides: object, polygon: Polygon) -> tuple[int, ...]:
+    """The sides of a name. Raises InputError if there are none, or if the name can be taken for a number."""
+    where = f"polygon '{polygon.name}'"
+    word = name.strip("+- ") if isinstance(name, str) else ""
+    if not word or word.isdecimal():
+        raise InputError(f"{where}: {quote_input(repr(name))} is no name of sides; take a word")
+    numbers = tuple(np.atleast_1d(np.asarray(sides)).tolist())
+    if not numbers or any(type(side) is not int or not 0 <= side < polygon.n_sides for side in numbers):
+        raise InputError(
+            f"{where}: the name '{quote_input(word)}' stands for {quote_input(repr(sides))}; it has to be "
+            f"one or several of the sides 0 to {polygon.n_sides - 1}, such as 0 or [1, 2]"
+        )
+    return numbers
 
 
 def polygon_names() -> list[str]:

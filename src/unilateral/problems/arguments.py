@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from unilateral.arrays import Array, read_floats
-from unilateral.errors import InputError, quote_input
+from unilateral.errors import InputError, quote_input, suggest_name
 from unilateral.geometry.polygon import Polygon
 
 PAIRS_NEEDED = "it has to be a list of pairs (x, y), anticlockwise, such as [(0, 0), (1, 0), (0, 1)]"
@@ -57,33 +57,59 @@ def as_file_number(value: Any, where: str) -> Any:
     return value
 
 
-def as_side_numbers(values: object, n: int, where: str) -> list[int]:
-    """The numbers of some of n sides; None is none."""
+def as_side_numbers(values: object, polygon: Polygon, where: str) -> list[int]:
+    """The numbers of some sides of a polygon, which are given by numbers or names; None is none."""
     try:
         if not isinstance(values, Iterable | None) or isinstance(values, str):
             raise TypeError
-        sides = [as_side_number(side, n, where) for side in ([] if values is None else values)]
+        sides = [*expand_sides([(side, None) for side in ([] if values is None else values)], polygon, where)]
     except TypeError:
         raise InputError(
             f"{where}: it is {quote_input(repr(values))}; it has to be a list of sides, such as [0, 2]"
         ) from None
-    twice = [side for side, times in Counter(sides).items() if times > 1]
-    if twice:
-        raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
     return sides
 
 
-def as_side_number(value: Any, n: int, where: str) -> int:
-    """The number of one of n sides. Raises InputError for what is none; True and False are none."""
+def expand_sides(entries: Iterable[tuple[object, Any]], polygon: Polygon, where: str) -> dict[int, Any]:
+    """The entries by the numbers of sides, from pairs of a number, or a name of several sides, and an entry.
+
+    Raises InputError for a side that does not exist or is given twice.
+    """
+    pairs = []
+    for key, entry in entries:
+        named = polygon.side_names.get(key) if isinstance(key, str) else None
+        pairs += [(side, entry) for side in named or [as_side_number(key, polygon, where)]]
+    check_distinct_sides([side for side, _ in pairs], where)
+    return dict(pairs)
+
+
+def check_distinct_sides(sides: Iterable[object], where: str) -> None:
+    """Raises InputError for a side that is given twice."""
+    twice = [side for side, times in Counter(sides).items() if times > 1]
+    if twice:
+        raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
+
+
+def as_side_number(value: Any, polygon: Polygon, where: str) -> int:
+    """The number of a side of a polygon, which is given by its number or by a name of one side.
+
+    Raises InputError for a value that is neither; True and False are no numbers.
+    """
+    n = polygon.n_sides
+    names = polygon.side_names
+    if isinstance(value, str) and len(names.get(value, ())) == 1:
+        value = names[value][0]
     side = -1
-    hint = "; a side is a whole number"
+    hint = "; a side is a whole number, or a name of side_names"
     with suppress(TypeError):
         if not isinstance(value, bool):  # which Python takes for 0 or 1
             side = operator.index(value)
             hint = ""
     if not 0 <= side < n:
+        known = f"0 to {n - 1}" + f" and the names {', '.join(names)}" * bool(names)
+        near = suggest_name(value, names) if isinstance(value, str) else ""
         raise InputError(
-            f"{where}: the polygon has the sides 0 to {n - 1}, not {quote_input(repr(value))}{hint}"
+            f"{where}: the polygon has the sides {known}, not {quote_input(repr(value))}{near or hint}"
         )
     return side
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import replace
 from numbers import Number
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from unilateral.problems.data_checks import check_data, constrained_vertices
 from unilateral.problems.fields import linear_fields
 from unilateral.problems.functions import Function, evaluate_function
 from unilateral.problems.nodal import NodalTrace, side_nodes
+from unilateral.problems.polygon_file import read_polygon
 from unilateral.problems.problem import Problem, as_formula
 from unilateral.problems.reading import (
     Given,
@@ -35,8 +37,8 @@ from unilateral.problems.reading import (
 )
 from unilateral.problems.side_models import SideData
 
-GivenOnSides = Given | Sequence[Given]
-"""What a user gives for all sides, or for each."""
+GivenOnSides = Given | Sequence[Given] | Mapping[Any, Given]
+"""What a user gives for all sides, for each, or by their numbers and names."""
 MAX_COEFFICIENT = 1e30
 """The largest k and c; the smallest is 1 over this."""
 FUNCTION_ACCURACY = 2.0**-26
@@ -46,16 +48,16 @@ FUNCTION_ROUNDING = 64 * EPS
 
 
 def make_problem(
-    polygon: Polygon | Mesh | ArrayLike,
+    polygon: Polygon | Mesh | ArrayLike | str | PathLike[str],
     f: Given,
     g: GivenOnSides,
     *,
-    free_sides: Sequence[int] | None = (),
+    free_sides: Sequence[int | str] | None = (),
     name: str = "problem",
     k: str | float = 1,
     c: str | float = 1,
     q: GivenOnSides = 0,
-    u: Mapping[int, Given] | None = None,
+    u: Mapping[Any, Given] | None = None,
 ) -> Problem:
     """The problem with the arguments of `api.Problem`. Raises InputError with the argument."""
     if not isinstance(name, str) or not name:
@@ -65,10 +67,12 @@ def make_problem(
             f"{name}, field u: it is {quote_input(repr(u))}; it has to be a dict such as {{3: 0}}"
         )
     mesh = polygon if isinstance(polygon, Mesh) else None
-    if mesh is None:
+    if isinstance(polygon, str | PathLike):
+        domain = read_polygon(polygon, name, f"{name}, field polygon", {})
+    elif mesh is None:
         vertices = arguments.as_vertices(polygon, f"{name}, field polygon")
         check_vertex_count(vertices, name)
-        domain = make_polygon(vertices, name, name)
+        domain = make_polygon(vertices, name, name, getattr(polygon, "side_names", {}))
     else:
         domain = mesh.polygon
     return build_problem(
@@ -83,10 +87,10 @@ def check_vertex_count(vertices: Sized, where: str) -> None:
         raise InputError(f"{where}, field polygon: {TOO_MANY_VERTICES.format(len(vertices))}")
 
 
-def make_polygon(vertices: Array, name: str, where: str) -> Polygon:
+def make_polygon(vertices: Array, name: str, where: str, side_names: Mapping[str, Any]) -> Polygon:
     """The polygon with these vertices (n, 2). Raises InputError, beginning with `where`."""
     try:
-        return Polygon(vertices + 0.0, name)  # no -0.0
+        return Polygon(vertices + 0.0, name, side_names)  # no -0.0
     except InputError as error:
         raise InputError(f"{where}, field polygon: {error}") from None
 
@@ -116,14 +120,12 @@ def build_problem(
     # the equation and the kinds of sides
     conductivity = _read_coefficient(k, f"{where}, field k")
     reaction = _read_coefficient(c, f"{where}, field c", allow_zero=True)
-    free = tuple(sorted(arguments.as_side_numbers(free_sides, polygon.n_sides, f"{where}, field free_sides")))
-    clamped_values = [*u]
-    clamped = arguments.as_side_numbers(
-        [side for side, _ in clamped_values], polygon.n_sides, f"{where}, field u"
-    )
+    free = tuple(sorted(arguments.as_side_numbers(free_sides, polygon, f"{where}, field free_sides")))
+    clamped = arguments.expand_sides(u, polygon, f"{where}, field u")
     for side in {*free} & {*clamped}:
+        label = polygon.label_side(side)
         raise InputError(
-            f"{where}, field free_sides: side {side} is clamped; remove it from free_sides or from u"
+            f"{where}, field free_sides: side {label} is clamped; remove it from free_sides or from u"
         )
     if not clamped and reaction == ZERO:
         raise InputError(
@@ -132,9 +134,9 @@ def build_problem(
         )
     # the data, on clamped sides u in the place of g
     source = read_source(f, mesh, f"{where}, field f")
-    obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{where}, field g")
-    fluxes = read_sides("q", q, ends, free, clamped, mesh, f"{where}, field q")
-    for side, (_, value) in zip(clamped, clamped_values, strict=True):
+    obstacles = read_sides("g", g, polygon, ends, free, clamped, mesh, f"{where}, field g")
+    fluxes = read_sides("q", q, polygon, ends, free, clamped, mesh, f"{where}, field q")
+    for side, value in clamped.items():
         place = f"{where}, field u[{side}]"
         obstacles[side] = fit_to_side("u", read_data("u", value, place), side, ends[side], mesh, place)
     problem = Problem(
@@ -168,12 +170,14 @@ def replace_data(
     if f is not None:
         changed["f"] = read_source(f, mesh, f"{name}, field f")
     if g is not None:
-        obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{name}, field g")
+        obstacles = read_sides("g", g, problem.polygon, ends, free, clamped, mesh, f"{name}, field g")
         for side in clamped:
             obstacles[side] = problem.g[side]
         changed["g"] = tuple(obstacles)
     if q is not None:
-        changed["q"] = tuple(read_sides("q", q, ends, free, clamped, mesh, f"{name}, field q"))
+        changed["q"] = tuple(
+            read_sides("q", q, problem.polygon, ends, free, clamped, mesh, f"{name}, field q")
+        )
     new = replace(problem, **changed)
     if linear_fields(new):  # values at nodes belong to a mesh
         new = replace(new, mesh=mesh)

@@ -253,7 +253,7 @@ def derive_solution(
     where = f"case '{name}'"
     if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
         raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
-    arguments.as_side_number(side, polygon.n_sides, where)
+    arguments.as_side_number(side, polygon, where)
     constants = read_constants(declaration, polygon, where)
     build = CaseBuilder(where, polygon, side, constants)
     atoms = tuple(build.build_atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))

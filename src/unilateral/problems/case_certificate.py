@@ -214,7 +214,7 @@ def set_free_sides(case: Problem, sides: Sequence[int]) -> Problem:
     """
     contact = {side for side, _, _ in certify_case(case.known_solution()).contact}
     n = case.polygon.n_sides
-    for side in arguments.as_side_numbers(sides, n, "free sides"):
+    for side in arguments.as_side_numbers(sides, case.polygon, "free sides"):
         if side in case.clamped_sides:
             raise InputError(f"free sides: case '{case.name}' is clamped on side {side}")
         if side in contact:

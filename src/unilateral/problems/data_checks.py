@@ -58,6 +58,7 @@ def _check_data_sizes(problem: Problem, name: str) -> None:
     value_limits = data_limits(problem.polygon, root)
     flux_limits = data_limits(problem.polygon, 1 / root)
     may_vanish = partial(_may_vanish_on_side, problem)
+    label = problem.polygon.label_side
     f_size = max(map(abs, problem.range_of_f))
     where = f"{name}, field f"
     _check_size(f_size, flux_limits, problem, where, "in the polygon", partial(_may_have_no_source, problem))
@@ -69,12 +70,12 @@ def _check_data_sizes(problem: Problem, name: str) -> None:
         where = _boundary_field(problem, name, side)
         # only the largest g is to be above the least size
         is_0 = partial(may_vanish, side, problem.g[side]) if size == largest else lambda: True
-        _check_size(size, value_limits, problem, where, f"on side {side}", is_0)
+        _check_size(size, value_limits, problem, where, f"on side {label(side)}", is_0)
 
     for side in problem.flux_sides:
         q_size = max(map(abs, problem.enclosed_flux.range(side)))
         is_0 = partial(may_vanish, side, problem.q[side])
-        _check_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {side}", is_0)
+        _check_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {label(side)}", is_0)
 
 
 def check_radicands(problem: Problem, name: str) -> None:
@@ -87,6 +88,7 @@ def check_radicands(problem: Problem, name: str) -> None:
             raise InputError(
                 f"{name}, field f: {_explain_root(root, 'in the polygon', partial(read_source, mesh=None))}"
             )
+    label = problem.polygon.label_side
     for side in range(problem.polygon.n_sides):
         free = side in problem.free_sides
         field = "q" if free else "u" if side in problem.clamped_sides else "g"
@@ -95,7 +97,9 @@ def check_radicands(problem: Problem, name: str) -> None:
             if not np.isfinite(range_on_side(problem.polygon, root, side)).all():
                 # no hint for g and u: they have to be Lipschitz, and pos(a, 1/2) is not
                 read = partial(read_formula, field=field) if free else None
-                raise InputError(f"{name}, field {field}: {_explain_root(root, f'on side {side}', read)}")
+                raise InputError(
+                    f"{name}, field {field}: {_explain_root(root, f'on side {label(side)}', read)}"
+                )
 
 
 def _data_roots(data: object) -> list[Expression]:
@@ -144,7 +148,8 @@ def _check_fit_at_vertex(
         _check_above_obstacle(problem, name, vertex, values, allowed)
     elif abs(value_after - value_before) > allowed:
         text_before, text_after = _distinct_texts(value_before, value_after)
-        jump = f"from {text_before} on side {before} to {text_after} on side {vertex}"
+        label = problem.polygon.label_side
+        jump = f"from {text_before} on side {label(before)} to {text_after} on side {label(vertex)}"
         where = _boundary_field(problem, name, vertex)
         raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
 
@@ -163,9 +168,10 @@ def _check_above_obstacle(
     if u < g - allowed:
         x, y = problem.polygon.vertices[vertex]
         below, above = _distinct_texts(u, g)
+        label = problem.polygon.label_side
         raise InputError(
-            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {u_side}, which "
-            f"is clamped, but g is {above} on side {g_side}; u >= g has to hold there"
+            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {label(u_side)}, "
+            f"which is clamped, but g is {above} on side {label(g_side)}; u >= g has to hold there"
         )
 
 

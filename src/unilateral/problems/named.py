@@ -37,9 +37,9 @@ def case(
     domain = (
         problem_file.load_polygon(polygon_or_name) if isinstance(polygon_or_name, str) else polygon_or_name
     )
-    solution = cases.load_solution(case_name, domain, arguments.as_side_number(side, domain.n_sides, "side"))
+    solution = cases.load_solution(case_name, domain, arguments.as_side_number(side, domain, "side"))
     certify_case(solution)
-    free = arguments.as_side_numbers(free_sides, domain.n_sides, "free sides")
+    free = arguments.as_side_numbers(free_sides, domain, "free sides")
     return set_free_sides(solution.problem, free) if free else solution.problem
 
 

@@ -1,9 +1,10 @@
-"""f, g, u and q as values at the nodes of a mesh: linear on its triangles and on its boundary edges."""
+"""f, g, u and q as values at nodes of a mesh, or g, u and q at the rows of a table: linear in between."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeGuard
 
 import numpy as np
@@ -20,10 +21,21 @@ SLOPE_ROUNDING = 16 * EPS
 
 @dataclass(frozen=True, eq=False)
 class NodalTrace:
-    """A function on a side: its `values` (k,) at the places t (k,), from 0 to 1 in side lengths."""
+    """A function on a side: its `values` (k,) at the places t (k,), from 0 to 1 in side lengths.
+
+    The places are exact, or known up to `place_rounding`.
+    """
 
     t: Array
     values: Array
+    place_rounding: float = 0.0
+
+    @cached_property
+    def _steepest_slopes(self) -> Array:
+        """The largest slope on each edge and those beside it, on which a rounded place may lie, (k - 1,)."""
+        slopes = np.abs(np.diff(self.values) / np.diff(self.t))
+        beside = np.maximum(np.append(slopes[1:], 0.0), np.append(0.0, slopes[:-1]))
+        return np.maximum(slopes, beside)
 
     def value_model(self, t: TaylorModel) -> TaylorModel:
         """The function on intervals of the side, each of which lies on one edge but for rounding."""
@@ -32,7 +44,9 @@ class NodalTrace:
         start = self.values[edge]
         end = self.values[edge + 1]
         slope = (end - start) / (self.t[edge + 1] - self.t[edge])
-        rounding = SLOPE_ROUNDING * (np.abs(start) + np.abs(end))
+        # With nodes that move by r the function is v(t + d), where |d| <= r
+        moved = 2 * self.place_rounding * self._steepest_slopes[edge] if self.place_rounding else 0.0
+        rounding = SLOPE_ROUNDING * (np.abs(start) + np.abs(end)) + moved
         linear = number_model(t, start) + number_model(t, slope) * (t + number_model(t, -self.t[edge]))
         return linear + range_model(t.basis, (-rounding, rounding))
 
@@ -42,6 +56,8 @@ class NodalTrace:
         rise = np.diff(self.values)[edge]
         run = np.diff(self.t)[edge]
         rounding = SLOPE_ROUNDING * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
+        # With nodes that move by r a run is longer or shorter by 2 r
+        rounding += 4 * self.place_rounding * np.abs(rise) / run**2
         return number_model(t, rise / run) + range_model(t.basis, (-rounding, rounding))
 
     def _find_edges(self, t: TaylorModel) -> Index:

@@ -11,16 +11,18 @@ import numpy as np
 
 from unilateral.errors import InputError, quote_input
 from unilateral.formulas.exact_numbers import as_float
-from unilateral.formulas.expression import ZERO
+from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import parse_number
 from unilateral.geometry.polygon import Polygon, find_polygon, polygon_names
-from unilateral.problems import catalogue
+from unilateral.problems import arguments, catalogue
 from unilateral.problems.build import build_problem, check_vertex_count, make_polygon
+from unilateral.problems.polygon_file import read_polygon
 from unilateral.problems.problem import Problem
+from unilateral.problems.reading import exact_vertices
 from unilateral.system import declarations
 
 PROBLEM_FIELDS = {"polygon", "f", "g", "free_sides"}
-UNSPACED_SIDE = re.compile(r"([-+]?\d+):(\S+)")
+UNSPACED_SIDE = re.compile(r"([-+]?\d+|\w+):(\S+)")
 """A side and its formula that YAML reads as one text, for want of a blank."""
 
 
@@ -83,9 +85,8 @@ def load_domain(name: str) -> Problem:
     clamped = clamped_field if isinstance(clamped_field, dict) else {}
     c = parse_number(declaration.get("c", 1), f"{name}, field c")
     fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if c == ZERO else 1}
-    return build_from_declaration(
-        {"polygon": declaration["polygon"], "f": 0, "g": 0} | fields, name, file.name
-    )
+    domain = {key: declaration[key] for key in ("polygon", "side_names") if key in declaration}
+    return build_from_declaration(domain | {"f": 0, "g": 0} | fields, name, file.name)
 
 
 def build_from_declaration(declaration: Any, where: str, name: str | None = None) -> Problem:
@@ -96,35 +97,66 @@ def build_from_declaration(declaration: Any, where: str, name: str | None = None
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
     declaration = declarations.validate(declaration, schema, where)
     name = Path(where).stem if name is None else name
-    check_vertex_count(declaration["polygon"], where)
-    corners = [
-        [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
-        for i, vertex in enumerate(declaration["polygon"])
-    ]
-    polygon = make_polygon(np.array([[as_float(x) for x in vertex] for vertex in corners]), name, where)
+    folder = Path(where).parent
+    polygon, corners = _read_polygon_field(declaration, name, where)
     return build_problem(
         name,
         polygon,
         corners,
         declaration["f"],
-        declaration.get("g"),
+        _locate_tables(_number_sides(declaration.get("g"), "g", where), folder),
         free_sides=declaration.get("free_sides"),
         k=declaration.get("k", 1),
         c=declaration.get("c", 1),
-        q=declaration.get("q"),
-        u=_read_clamped_field(declaration.get("u", {}), where),
+        q=_locate_tables(_number_sides(declaration.get("q"), "q", where), folder),
+        u=_locate_tables(_number_sides(declaration.get("u", {}), "u", where), folder).items(),
         where=where,
         title=declaration.get("title", ""),
     )
 
 
-def _read_clamped_field(entries: dict[str, Any], where: str) -> list[tuple[Any, Any]]:
-    """The field u as pairs of a side, a number where it is written as one, and what u is there."""
+def _read_polygon_field(
+    declaration: dict[str, Any], name: str, where: str
+) -> tuple[Polygon, list[list[Expression]]]:
+    """The polygon and its exact vertices, from a list or from the file that is named, beside `where`."""
+    vertices_or_file = declaration["polygon"]
+    side_names = declaration.get("side_names", {})
+    if isinstance(vertices_or_file, str):
+        path = Path(where).parent / vertices_or_file
+        polygon = read_polygon(path, name, f"{where}, field polygon", side_names)
+        return polygon, exact_vertices(polygon)
+    check_vertex_count(vertices_or_file, where)
+    corners = [
+        [parse_number(x, f"{where}, field polygon[{i}]") for x in vertex]
+        for i, vertex in enumerate(vertices_or_file)
+    ]
+    rounded = np.array([[as_float(x) for x in vertex] for vertex in corners])
+    return make_polygon(rounded, name, where, side_names), corners
+
+
+def _number_sides(entries: Any, field: str, where: str) -> Any:
+    """The entries of a field by the numbers of their sides; a field that is no mapping of sides unchanged."""
+    if not isinstance(entries, dict) or "table" in entries:
+        return entries
     for key in entries:
         if joined := UNSPACED_SIDE.fullmatch(key):
             blank = f"the colon in '{quote_input(key)}' needs a blank after it"
             raise InputError(
-                f"{where}, field u: {blank}; write {{{quote_input(': '.join(joined.groups()))}}}"
+                f"{where}, field {field}: {blank}; write {{{quote_input(': '.join(joined.groups()))}}}"
             )
     is_number = declarations.INTEGER_PATTERN.match
-    return [(int(key) if is_number(key) else key, value) for key, value in entries.items()]
+    sides = [int(key) if is_number(key) else key for key in entries]
+    arguments.check_distinct_sides(sides, f"{where}, field {field}")
+    return dict(zip(sides, entries.values(), strict=True))
+
+
+def _locate_tables(entry: Any, folder: Path) -> Any:
+    """An entry of a field, or several ones, with the files of tables relative to the folder."""
+    if isinstance(entry, list):
+        return [_locate_tables(value, folder) for value in entry]
+    if isinstance(entry, dict):
+        return {
+            key: str(folder / value) if key == "table" else _locate_tables(value, folder)
+            for key, value in entry.items()
+        }
+    return entry

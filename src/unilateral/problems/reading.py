@@ -1,13 +1,18 @@
-"""What users give for f, g, q and u, read: formulas in x and y, functions, or arrays at nodes."""
+"""What users give for f, g, q and u, read: formulas in x and y, functions, arrays at nodes, or tables."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
+from math import hypot
 from numbers import Number
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, quote_input
+from unilateral.formulas.exact_numbers import as_float
 from unilateral.formulas.expression import ZERO, Expression, find_functions, has_log, variable
 from unilateral.formulas.expression import rational_expression as exact
 from unilateral.formulas.formula import find_kinks, parse_formula, substitute
@@ -19,9 +24,12 @@ from unilateral.problems.functions import Function, check_arguments
 from unilateral.problems.nodal import check_nodal_values, is_nodal_array, make_trace
 from unilateral.problems.problem import zero_curve
 from unilateral.problems.side_models import SideData
+from unilateral.problems.side_tables import TABLE_SIDE_NEEDED, TableRows, is_table, make_table, read_table
 
-Given = str | float | Array | Function | None
-"""What a user gives for f, g, q or u: a formula, a number, an array at nodes, a function, or nothing."""
+Given = str | float | Array | Function | tuple[ArrayLike, ArrayLike] | Mapping[str, str] | None
+"""What a user gives for f, g, q or u: a formula, a number, an array at nodes, a function, or nothing; on a
+side also a table, as two arrays or a file."""
+ReadData = Expression | Array | Function | TableRows
 SideEnds = tuple[list[Expression], list[Expression]]
 WORDS_FOR_NONE = ("none", "null", "nil")
 """What people write for no formula, in small or large letters."""
@@ -37,6 +45,7 @@ FIELD_SUBSTITUTES = {
 def read_source(data: Given, mesh: Mesh | None, where: str) -> Expression | Array | Function:
     """f: a formula in x and y whose kinks can be found, an array at the nodes of the mesh, or a function."""
     f = read_data("f", data, where)
+    assert not isinstance(f, TableRows)
     if is_nodal_array(f):
         return check_nodal_values(mesh, f, where)
     if isinstance(f, Expression):
@@ -50,7 +59,8 @@ def read_source(data: Given, mesh: Mesh | None, where: str) -> Expression | Arra
 
 def read_sides(
     field: str,
-    field_data: Given | Sequence[Given],
+    field_data: Given | Sequence[Given] | Mapping[Any, Given],
+    polygon: Polygon,
     ends: list[SideEnds],
     free: Collection[int],
     clamped: Collection[int],
@@ -60,25 +70,33 @@ def read_sides(
     """The data of the field g or q on every side, ZERO on sides that have none, (n sides,).
 
     On clamped sides g is ZERO here; the caller puts u_D there. One formula, function or array is for all
-    sides that have data. The sides lie between the `ends`. Arrays have a value for each node of the `mesh`.
+    sides that have data; the keys of a mapping are sides. The sides lie between the `ends`. Arrays have a
+    value for each node of the `mesh`.
 
     Raises InputError, beginning with `where`.
     """
     n = len(ends)
     sides_with_data = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
     if field == "g" and field_data is None and sides_with_data:
+        first = polygon.label_side(min(sides_with_data))
         raise InputError(
-            f"{where}: it is missing, and side {min(sides_with_data)} is neither free nor clamped; write "
-            "one formula for all sides, or a list with one per side"
+            f"{where}: it is missing, and side {first} is neither free nor clamped; write one formula for "
+            "all sides, or a list with one per side"
         )
+    if isinstance(field_data, Mapping):
+        if "table" in field_data:
+            raise InputError(f"{where}: {TABLE_SIDE_NEEDED}")
+        by_side = arguments.expand_sides(field_data.items(), polygon, where)
+        field_data = [by_side.get(side) for side in range(n)]
     if isinstance(field_data, Sequence) and not isinstance(field_data, str | bytes):
         if len(field_data) != n:
             fault = f"{len(field_data)} formulas for {n} sides"
             raise InputError(f"{where}: {fault}; give one for all, or one per side")
         places = [f"{where}[{side}]" for side in range(n)]
-        data = [read_data(field, *entry) for entry in zip(field_data, places, strict=True)]
+        data = [read_data(field, entry, place) for entry, place in zip(field_data, places, strict=True)]
         for side in range(n):
-            _check_list_entry(field, field_data[side], side, sides_with_data, clamped, places[side])
+            kind = "clamped" if side in clamped else "used" if side in sides_with_data else "unused"
+            _check_list_entry(field, field_data[side], polygon.label_side(side), kind, places[side])
     else:
         places = [where] * n
         data = [read_data(field, field_data, where)] * n
@@ -91,8 +109,8 @@ def read_sides(
     return fitted
 
 
-def read_data(field: str, data: object, where: str) -> Expression | Array | Function:
-    """A formula, function or array that a user gives; only a formula is checked here.
+def read_data(field: str, data: object, where: str) -> ReadData:
+    """A formula, function, array or table that a user gives; only a formula is checked here.
 
     Raises InputError, beginning with `where`, for what is none of these.
     """
@@ -102,34 +120,42 @@ def read_data(field: str, data: object, where: str) -> Expression | Array | Func
     data = arguments.as_file_number(data, where)
     if is_nodal_array(data):
         return data
+    if field != "f" and is_table(data):
+        return read_table(data, where)
     if data is None or isinstance(data, str | Number):
         return read_formula(data, where, field)
     raise InputError(
         f"{where}: it is {quote_input(repr(data))}; it has to be a formula, a function or an array of values "
-        "at nodes"
+        "at nodes" + ", or on a side a table" * (field != "f")
     )
 
 
 def fit_to_side(
-    field: str, data: Expression | Array | Function, side: int, ends: SideEnds, mesh: Mesh | None, where: str
+    field: str, data: ReadData, side: int, ends: SideEnds, mesh: Mesh | None, where: str
 ) -> SideData | Function:
-    """The data of a field on a side between two `ends`: g and u are Lipschitz there, arrays become traces."""
+    """The data of a field on a side between two `ends`: g and u are Lipschitz there, arrays become traces.
+
+    Tables are put on the side.
+    """
+    if isinstance(data, TableRows):
+        return make_table(data, side, hypot(*(as_float(b - a) for a, b in zip(*ends, strict=True))))
     if isinstance(data, Expression):
         return data if field == "q" else check_lipschitz(data, ends, side, where)
     return data if callable(data) else make_trace(mesh, data, side, where)
 
 
-def _check_list_entry(
-    field: str, entry: Given, side: int, sides: Collection[int], clamped: Collection[int], where: str
-) -> None:
-    """Raises InputError for an entry of a list that its side cannot have, and where one is missing."""
-    if entry is not None and side in clamped:
+def _check_list_entry(field: str, entry: object, side: str, kind: str, where: str) -> None:
+    """Raises InputError for an entry that its side cannot have, and where one is missing.
+
+    The field is "used" or "unused" on the side, which may also be "clamped".
+    """
+    if entry is not None and kind == "clamped":
         raise InputError(f"{where}: side {side} is clamped; write null, or take it out of u")
-    if entry is not None and field == "g" and side not in sides:
+    if entry is not None and field == "g" and kind == "unused":
         raise InputError(f"{where}: side {side} is free; write null, or take it out of free_sides")
-    if entry is not None and field == "q" and side not in sides:
+    if entry is not None and field == "q" and kind == "unused":
         raise InputError(f"{where}: side {side} is not free; write null, or name it in free_sides")
-    if entry is None and field == "g" and side in sides:
+    if entry is None and field == "g" and kind == "used":
         raise InputError(
             f"{where}: there is no formula, and side {side} is neither free nor clamped; write one, or name "
             "the side in free_sides or in u"

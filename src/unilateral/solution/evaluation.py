@@ -60,7 +60,7 @@ def evaluate_on_side(partition: Partition, values: Array, side: int, t: ArrayLik
     """
     polygon = partition.polygon
     s = read_floats(t, "t")
-    side = arguments.as_side_number(side, polygon.n_sides, "side")
+    side = arguments.as_side_number(side, polygon, "side")
     cells = np.flatnonzero(partition.side == side)
     starts = partition.points[cells] - polygon.starts[side]
     inside = (s >= 0) & (s <= polygon.lengths[side])

@@ -19,6 +19,7 @@ from unilateral.problems import arguments
 from unilateral.solution.bounds import bound_errors
 
 if TYPE_CHECKING:
+    from unilateral.geometry.polygon import Polygon
     from unilateral.solution.solution import Solution
 
 MAX_PRINTED_SIDES = 12
@@ -93,7 +94,7 @@ def compute_forces(solution: Solution, sharp: bool) -> Forces:
     return Forces(contact_force, group_forces[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
-def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
+def compute_force(solution: Solution, sharp: bool, sides: Sequence[int | str] | None) -> Force:
     """The force over some sides with their reactions, by default over all sides with contact.
 
     Raises InputError for a part of clamped sides in a row.
@@ -102,16 +103,16 @@ def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) 
     clamped = solution.problem.clamped_sides
     if sides is None:
         return _bound_forces(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
-    return _bound_forces(solution, sharp, [read_force_sides(sides, n, clamped)])[0]
+    return _bound_forces(solution, sharp, [read_force_sides(sides, solution.polygon, clamped)])[0]
 
 
-def read_force_sides(sides: Sequence[int], n_sides: int, clamped: Sequence[int]) -> list[int]:
-    """The numbers of the sides of a force.
+def read_force_sides(sides: Sequence[int | str], polygon: Polygon, clamped: Sequence[int]) -> list[int]:
+    """The numbers of the sides of a force, which are given by numbers or names.
 
     Raises InputError for what is no list of sides, and for a part of clamped sides in a row.
     """
-    side_numbers = arguments.as_side_numbers(sides, n_sides, "sides")
-    for row in group_adjacent_sides(n_sides, clamped):
+    side_numbers = arguments.as_side_numbers(sides, polygon, "sides")
+    for row in group_adjacent_sides(polygon.n_sides, clamped):
         if 0 < len({*row} & {*side_numbers}) < len(row):
             raise InputError(
                 f"sides {side_numbers}: the clamped sides {row} are in a row; take all or none of them"

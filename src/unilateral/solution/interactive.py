@@ -85,9 +85,10 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     forces = solution.forces(uses_sharp_bounds(solution))
     contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
     listed_sides = contact_sides[:MAX_LISTED_FORCES]
-    rows = {f"force, side {side}": forces.sides[side] for side in listed_sides}
+    polygon = solution.polygon
+    rows = {f"force, side {polygon.label_side(side)}": forces.sides[side] for side in listed_sides}
     for row, reaction in forces.reactions.items():
-        rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
+        rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(polygon.label_side, row))}"] = reaction
     if forces.total and len(rows) > 1:
         rows["sum of forces, reactions"] = forces.total
     intervals = [
@@ -95,9 +96,13 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
         for value, lower, upper in rows.values()
     ]
     lengths = plot_data.contact.lengths
-    contact_texts = [f"{lengths[side]:.4g} of {solution.polygon.lengths[side]:.4g}" for side in listed_sides]
+    contact_texts = [f"{lengths[side]:.4g} of {polygon.lengths[side]:.4g}" for side in listed_sides]
     # texts by the headings of the columns; below the sides with contact the last column is empty
-    columns = {"": [*rows], "force": intervals, "length of contact, computed": contact_texts}
+    columns = {
+        "": [escape(name) for name in rows],
+        "force": intervals,
+        "length of contact, computed": contact_texts,
+    }
     return _render_table(columns)
 
 

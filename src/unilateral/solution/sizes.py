@@ -80,10 +80,7 @@ def make_mesh_and_partition(
     if isinstance(mesh_or_kind, Mesh):
         if h is not None:
             raise InputError("the mesh is given; leave h out")
-        mesh = mesh_or_kind
-        if not np.array_equal(mesh.polygon.vertices, polygon.vertices):
-            mesh = meshes.from_arrays(polygon, mesh.points, mesh.triangles)
-        return mesh, make_uniform_partition(polygon, max_H)
+        return fit_mesh(mesh_or_kind, polygon), make_uniform_partition(polygon, max_H)
     max_h = _require_positive_size("h", h)
     check_mesh_memory(polygon, max_h)
     mesh_kind = mesh_or_kind or default_mesh_kind(polygon)
@@ -96,6 +93,13 @@ def make_mesh_and_partition(
         coarse_partition = make_uniform_partition(polygon, 2**halvings * max_H)
         return meshes.triangulate_from_cells(coarse_partition, edges, halvings)
     return MESH_KINDS[mesh_kind](polygon, max_h), make_uniform_partition(polygon, max_H)
+
+
+def fit_mesh(mesh: Mesh, polygon: Polygon) -> Mesh:
+    """The mesh, as one of the polygon. Raises InputError if its triangles are those of another one."""
+    if np.array_equal(mesh.polygon.vertices, polygon.vertices):
+        return mesh
+    return meshes.from_arrays(polygon, mesh.points, mesh.triangles)
 
 
 def _require_positive_size(name: str, size: float | None) -> float:

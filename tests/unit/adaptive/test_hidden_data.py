@@ -41,7 +41,7 @@ def test_a_peak_that_hides_from_rules_is_not_certified_too_early(problem_of):
         )
     )
     assert coarse.bound().u >= 6.3e-4
-    assert not search(problem, Goal(1e-4, "hm12", 300, sharp=True)).certified
+    assert not search(problem, Goal(1e-4, "hm12", max_unknowns=300, sharp=True)).certified
 
 
 @pytest.mark.parametrize(

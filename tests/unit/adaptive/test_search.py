@@ -160,7 +160,7 @@ def test_a_multiplier_that_is_0_is_certified_to_an_absolute_accuracy_only():
     absolute = levels(load("no_contact").problem, Goal(0.1, "hm12", sharp=True, absolute=True))[-1]
     assert absolute.certified
     assert absolute.size == 0 <= absolute.total <= 0.1
-    relative = levels(load("no_contact").problem, Goal(0.1, "hm12", 300, sharp=True))
+    relative = levels(load("no_contact").problem, Goal(0.1, "hm12", max_unknowns=300, sharp=True))
     assert not any(level.certified for level in relative)
 
 
@@ -340,7 +340,7 @@ def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
 
 def test_structured_cells_consist_of_whole_edges():
     """On the L-shape, whose sides have lengths 1 and 2, for any H: two edges, or three where one is left."""
-    for level in levels(load("violates_j", "lshape").problem, Goal(0.1, "hm12", 3_000)):
+    for level in levels(load("violates_j", "lshape").problem, Goal(0.1, "hm12", max_unknowns=3_000)):
         mesh = level.solved.mesh
         assert set(level.partition.points) <= set(mesh.s)
         cell = np.searchsorted(level.partition.points, 0.5 * (mesh.s[1:] + mesh.s[:-1])) - 1
@@ -406,7 +406,7 @@ def test_lambda_is_certified_on_adapted_meshes(problem_of):
     """
     corner = "[[-1, -1], [0, -1], [0, 0], [1, 0], [1, 1], [-1, 1]]"
     problem = problem_of(polygon=corner, f=-1, g=0, free_sides="[1, 2]")
-    goals = (Goal(0.0025, "hm12", 4_000, sharp=True, kind=kind) for kind in ("", "structured"))
+    goals = (Goal(0.0025, "hm12", max_unknowns=4_000, sharp=True, kind=kind) for kind in ("", "structured"))
     last_levels = [levels(problem, goal)[-1] for goal in goals]
     assert [level.certified for level in last_levels] == [True, False]
     assert last_levels[0].unknowns < last_levels[1].unknowns

@@ -40,7 +40,7 @@ OWN = [
     "solve natural --absolute",
     "solve natural --tolerance 1e-9",
     "solve natural --mesh own.msh",
-    "solve natural --mesh own.msh --accuracy 1/2",
+    "solve natural --mesh own.msh --accuracy 1/2 --H 1/2",
     "solve natural --h 1/8",
     f"solve natural {AT} --accuracy 0.1",
     "solve natural --accuracy 0.1 --tolerance 1",

@@ -241,7 +241,7 @@ def test_a_slope_is_not_known_better_than_its_values():
         (0, [X, X], "field g: 2 formulas for 4 sides"),
         (1e300 * X, 0, "field f: it is as large as"),
         ([1, 2], 0, "field f: it is [1, 2]; it has to be a formula, a function or an array of values at"),
-        (0, [0, {}, 0, 0], "field g[1]: it is {}; it has to be a formula, a function or an array"),
+        (0, [0, {}, 0, 0], "field g[1]: it is {}; a table is {table: surface.csv}, or"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(f, g, message):

@@ -160,7 +160,7 @@ def test_an_idle_side_carries_no_contact_and_an_undecided_one_is_left_in(write_p
 REFUSED = [
     (
         {"free_side": "[1]"},
-        ": there is no field 'free_side' here; the fields are title, polygon, f, g, k, c,",
+        ": there is no field 'free_side' here; the fields are title, polygon, side_names, f, g, k, c,",
     ),
     ({"g": None}, ", field g: it is missing, and side 0 is neither free nor clamped; write one formula for"),
     ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
@@ -324,7 +324,7 @@ OF_SIDES += [
         {"u": "{0: none}"},
         r", field u\[0\]: 'none' is no formula; write the value of u, such as 0, or leave the",
     ),
-    ({"u": "{0: [0]}"}, r", field u\[0\]: it is \[0\]; it has to be a formula in x and y, or null for 0"),
+    ({"u": "{0: [0]}"}, r", field u\[0\]: it is \[0\]; it has to be a formula in x and y, a table"),
     ({"u": "{0: x*(1 - x)*1e-300}", "g": "0"}, ", field u: it is as large as .*e-301 on side 0, and squares"),
     ({"u": "{0: 0}", "g": "-1e-200"}, ", field g: it is as large as 1e-200 on side 1, and squares of errors"),
 ]
