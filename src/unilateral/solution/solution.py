@@ -25,7 +25,7 @@ from unilateral.norms.fortin import beta_lower_bound
 from unilateral.problems import arguments
 from unilateral.solution import evaluation, files, summary, tables
 from unilateral.solution.bounds import Bounds, bound_errors, compute_error_shares, uses_sharp_bounds
-from unilateral.solution.contact import Contact
+from unilateral.solution.contact import Contact, prove_contact
 from unilateral.solution.forces import Forces, compute_force, compute_forces
 from unilateral.solution.record import make_solution_record
 from unilateral.system.optional import require
@@ -125,8 +125,11 @@ class Solution:
 
     @cached_property
     def contact(self) -> Contact:
-        """The cells with lambda_H > 0: their `intervals`, `lengths` on sides, `length`; `full` if all are."""
-        return Contact(self.partition, self.multiplier)
+        """The cells with lambda_H > 0: their `intervals`, `lengths` on sides, `length`; `full` if all are.
+
+        These are computed; what is guaranteed is in `certain`.
+        """
+        return Contact(self.partition, self.multiplier, partial(prove_contact, self))
 
     @cached_property
     def bounded(self) -> DiscreteSolution:
