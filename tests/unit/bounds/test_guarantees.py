@@ -20,6 +20,7 @@ from random_problems import known
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.bounds import source
+from unilateral.bounds.certain_contact import Verdict, find_certain_contact
 from unilateral.bounds.clamped_ends import no_reactions
 from unilateral.bounds.forces import bound_forces
 from unilateral.bounds.local_bounds import local_bound
@@ -50,6 +51,7 @@ BY_HAND = [(*of, crude) for of in CASES for crude in CRUDE]
 WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
 ALL = [*WITHOUT_CORNERS, *CORNERS]
 CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
+CERTAIN = numbered("formula", (0, 4, 8, 22), 5) + numbered("flux", (0, 2), 2)
 
 
 PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_problems.FAMILIES, 20_000)
@@ -175,6 +177,39 @@ def test_no_force_lies_outside(one):
 def test_a_force_outside_is_noticed(one):
     """Control: without what the error adds, exact forces lie outside."""
     assert forces_outside(one, share=0.0)
+
+
+def contradicted_arcs(one, share=1.0):
+    """Arcs that are called free where u = g at one of 800 points, or touching where it is above g at all.
+
+    The `share` is of the bounds.
+    """
+    wrong = []
+    for bound, trial in zip(bounds(local_bound, one), one.trials, strict=True):
+        smaller = replace(bound, u=share * bound.u, lambda_=share * bound.lambda_, eta=share * bound.eta)
+        for arc in find_certain_contact(*trial.given, smaller):
+            u, _, gap = one.of.boundary(np.full(800, arc.side), np.linspace(arc.start, arc.end, 800))
+            touches = gap.min() <= 1e-9 * np.abs(u).max()
+            if (
+                (arc.verdict is Verdict.FREE
+                and gap.min() <= 0)
+                or (arc.verdict is Verdict.TOUCHES
+                and not touches)
+            ):
+                wrong.append(arc)
+    return wrong
+
+
+@of_each(CERTAIN)
+def test_no_arc_is_certain_against_the_exact_solution(one):
+    """Whatever u_h and lambda_H are, on uniform and on adapted meshes."""
+    assert not contradicted_arcs(one)
+
+
+@of_each([("formula", 4)])
+def test_an_arc_that_is_certain_wrongly_is_noticed(one):
+    """Control: with a hundredth of the bounds, noise in u_h and lambda_H is believed."""
+    assert contradicted_arcs(one, share=0.01)
 
 
 def judged_search(of, accuracy, most):
