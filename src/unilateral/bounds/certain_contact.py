@@ -63,7 +63,7 @@ def find_certain_contact(
     bound: Bound,
     idle_sides: Collection[int] = (),
 ) -> list[CertainArc]:
-    """What is proved of the sides with contact, in the order of the boundary, which the arcs cover once.
+    """Arcs that cover the sides with contact, in the order of the boundary, with what is proved of each.
 
     `bound` is the cheap one, or has smaller errors of another one. On `idle_sides` the data show that u > g.
     Adjacent arcs with the same verdict are joined unless they touch.
@@ -102,7 +102,7 @@ def _bound_values(data: EnclosedData, form: Form, bound: Bound) -> float:
 
 
 def _decide(arcs: Arcs, means: SuperMeans, partition: Partition, lambda_H: Array) -> list[list[ProvedArc]]:
-    """What is proved of each arc, as a list of its parts in their order."""
+    """Lists of the parts of each arc, in their order, with what is proved of them."""
     if not len(arcs.side):
         return []
     s = means.data.mesh.s
@@ -151,6 +151,7 @@ def _bound_tents(
     P = np.append(0, np.cumsum(lengths * (P_slope[:-1] + 0.5 * lengths * lambda_H)))
 
     def evaluate_P(s: Array) -> Array:
+        """P, quadratic on cells."""
         cell = np.clip(np.searchsorted(partition.points, s, side="right") - 1, 0, len(lengths) - 1)
         x = s - partition.points[cell]
         return np.asarray(P[cell] + x * (P_slope[cell] + 0.5 * x * lambda_H[cell]))

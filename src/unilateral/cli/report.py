@@ -164,7 +164,8 @@ def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
             else ""
         )
         computed = [f"computed: {listed}{omitted}, length {side_length:.6g}"] if intervals else []
-        if parts := [texts[side]] * (side in texts) + computed:
+        parts = ([texts[side]] if side in texts else []) + computed
+        if parts:
             rows[f"contact, side {side}"] = "; ".join(parts)
     return rows
 

@@ -89,7 +89,7 @@ class Contact:
 
     @cached_property
     def certain(self) -> list[CertainArc]:
-        """What is guaranteed of the exact solution, by arcs that cover the sides with contact conditions.
+        """Arcs that cover the sides with contact conditions, with what is guaranteed of the exact solution.
 
         On an arc that "touches" u = g somewhere, on one that "does not touch" u > g everywhere.
 
@@ -124,7 +124,7 @@ def _as_pair(point: Array) -> tuple[float, float]:
 
 
 def prove_contact(solution: Solution) -> list[CertainArc]:
-    """What is proved of the sides with contact, by the smallest bounds that are computed."""
+    """Arcs of the sides with contact, and what is proved of them by the smallest bounds that are computed."""
     bounded = solution.bounded
     if explain_memory_shortage(solution, sharp=False) or not has_consistent_bounds(solution):
         polygon = solution.polygon
@@ -148,7 +148,7 @@ def prove_contact(solution: Solution) -> list[CertainArc]:
 
 
 def describe_certain_arcs(arcs: Sequence[CertainArc]) -> str:
-    """What is proved of one side, in words: verdicts with arcs, and the length that is not decided."""
+    """Words on what is proved of one side: verdicts with arcs, and the length that is not decided."""
     texts = []
     for verdict in (Verdict.TOUCHES, Verdict.FREE):
         # arcs that touch lie in a row: there is contact in each of them

@@ -60,7 +60,7 @@ class Solution:
       error of u       at most 0.204, 4.3 % of ||u||_1, guaranteed
       error of lambda  at most 0.203, 1.3 % of ||lambda||_-1/2, guaranteed
       force            16.00 ± 0.21, guaranteed
-      contact          length 3.5 of 4
+      contact          computed: 3.5 of 4
     """
 
     problem: Problem

@@ -67,8 +67,8 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
     else:
         rows |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
     contact = solution.contact
-    lengths = f"length {contact.length:.4g} of {solution.polygon.perimeter:.4g}, computed"
-    rows["contact"] = "the whole boundary, " * contact.full + lengths
+    lengths = f"{contact.length:.4g} of {solution.polygon.perimeter:.4g}"
+    rows["contact"] = f"computed: {'the whole boundary, ' * contact.full}{lengths}"
     if not len(cells):
         rows["contact"] = LINEAR_PROBLEM_NOTE
     if not solution.converged:
