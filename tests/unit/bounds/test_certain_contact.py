@@ -2,21 +2,27 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import unilateral as ul
-from unilateral.bounds.certain_contact import Verdict, find_certain_contact
+from unilateral.bounds.certain_contact import Verdict, _bound_tents, find_certain_contact
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.source import Source
 from unilateral.bounds.super_means import W_NORM, Arcs, ErrorBounds, SuperMeans
+from unilateral.fem.form import Form
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems.case_certificate import certify_case
 
 KNOWN_CASES = ["natural", "clamped", "vertex"]
 """Cases with known ends of contact: a square root inside a side, a clamped side, and one at a vertex."""
 KNOWN_LEVELS = (16, 32, 64)
+SQUARE = Polygon([(0, 0), (1, 0), (1, 1), (0, 1)], "square")
 L_SHAPE = Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], "l")
 
 
@@ -49,16 +55,62 @@ def test_the_kernel_is_what_the_proof_takes():
         assert 4 * (half[1] - half[0]) / d == pytest.approx(omega(t), rel=1e-3)
 
 
-def test_the_radial_field_is_bounded_by_its_formula():
-    """int (m_rho - t_R)^2 / (pi r) dr over a half disc of radius R, by quadrature."""
-    for q in (0.01, 0.1, 0.5):
+def means_with(errors, k=1.0, c=0.0):
+    """Means on a square that need no solution: f = 3, and half of its norm on each triangle is not known."""
+    mesh = make_structured_mesh(SQUARE, 1 / 8)
+    n = len(mesh.triangles)
+    source = Source(mesh, np.full((n, 3), 3.0), np.zeros(n), np.zeros(n), 1.5 * np.sqrt(mesh.areas))
+    data = SimpleNamespace(mesh=mesh, source=source)
+    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors)
 
-        def difference(t, q=q):
-            return 1 - (1 - min(t / q, 1)) ** 3 - t
 
-        exact = quad(lambda t: difference(t) ** 2 / t, 0, 1, points=[q], limit=200)[0] / (2 * math.pi)
-        bound = (73 / 60 - math.log(q) - 2 * (1 - q) + (1 - q**2) / 2) / (2 * math.pi)
-        assert exact <= bound <= exact + 0.25
+ONE_ARC = Arcs(SQUARE, np.array([0]), np.array([0.4375]), np.array([0.5]))
+
+
+def test_the_part_of_the_error_is_bounded_by_two_fields():
+    """int (m_rho - t_R)^2 / (pi r) dr over each sector of radius R, by quadrature, and 2 / (pi R^2) in L2."""
+    radius = np.array([0.1])
+    discs = SimpleNamespace(arcs=ONE_ARC, radius=radius)
+    R = ONE_ARC.distance_in_sectors()[0]
+
+    def square(q):
+        def integrand(t):
+            return (1 - (1 - min(t / q, 1)) ** 3 - t) ** 2 / t
+
+        return quad(integrand, 0, 1, points=[q], limit=200)[0] / (2 * math.pi)
+
+    field = math.sqrt(np.mean([square((0.1 / each) ** 2) for each in R]))
+    bound = means_with(ErrorBounds(1.0, 0.0, 0.0), k=4)._error_loss(discs)[0]
+    assert field / 2 <= bound <= 1.1 * field / 2
+    # the norm over a sector of the angle pi / n is 2 / (pi R^2) (pi R^2 / (2 n))^(1/2)
+    kappa = math.sqrt(np.sum((2 / (math.pi * R**2)) ** 2 * math.pi * R**2 / (2 * len(R))))
+    assert means_with(ErrorBounds(0.0, 1.0, 0.0))._error_loss(discs)[0] == pytest.approx(kappa)
+    # for c > 0 the better one counts, and int W e comes to it: here ||e||_0 <= 1 / c^(1/2)
+    both = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._error_loss(discs)[0]
+    assert both == pytest.approx(math.hypot(2 * bound, kappa / 2) + 4 * W_NORM * 0.1 * 0.5)
+
+
+def test_the_part_of_the_source():
+    """f - c u = 3 - 1 on all triangles, so rho^2 / 16 times 2 / k is gained; the rest is lost by its norm."""
+    means = means_with(ErrorBounds(0.0, 0.0, 0.0), k=2, c=1)
+    radius = np.array([0.1])
+    discs = means._find_triangles(ONE_ARC, radius)
+    area = discs.sum(means.data.mesh.areas[discs.triangle])[0]
+    lost = means._source_loss(discs)[0]
+    assert lost == pytest.approx((W_NORM * 0.1 * 1.5 * math.sqrt(area) - 0.01 / 16 * 2) / 2, rel=1e-6)
+    assert area > math.pi * 0.1**2 / 2
+
+
+@pytest.mark.parametrize(("k", "c"), [(1.0, 0.0), (4.0, 30.0)])
+def test_the_force_on_a_tent(k, c):
+    """lambda_H = s: int s w = rho times the midpoint, less E N(w); and 0 where the tent has no room."""
+    cells = make_uniform_partition(SQUARE, 1 / 64)
+    middle = 0.5 * (cells.points[1:] + cells.points[:-1])
+    norm = math.sqrt(k * math.pi / 2 + c * math.pi / 12 / 32**2)
+    for E in (0.0, 0.1):
+        bound = _bound_tents(ONE_ARC, cells, middle, Form(k=k, c=c), E)[0]
+        assert bound == pytest.approx(15 / 32 / 32 - E * norm, abs=1e-9)
+        assert bound <= 15 / 32 / 32 - E * norm + 1e-15
 
 
 def test_the_norm_of_a_tent():

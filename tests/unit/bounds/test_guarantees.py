@@ -190,11 +190,8 @@ def contradicted_arcs(one, share=1.0):
         for arc in find_certain_contact(*trial.given, smaller):
             u, _, gap = one.of.boundary(np.full(800, arc.side), np.linspace(arc.start, arc.end, 800))
             touches = gap.min() <= 1e-9 * np.abs(u).max()
-            if (
-                (arc.verdict is Verdict.FREE
-                and gap.min() <= 0)
-                or (arc.verdict is Verdict.TOUCHES
-                and not touches)
+            if (arc.verdict is Verdict.FREE and gap.min() <= 0) or (
+                arc.verdict is Verdict.TOUCHES and not touches
             ):
                 wrong.append(arc)
     return wrong
