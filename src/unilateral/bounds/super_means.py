@@ -45,8 +45,8 @@ MIN_ANGLE = 1e-6
 """A side that is seen under a smaller angle than this counts by its least distance in all its sectors."""
 ANGLE_ROUNDING = 1e-9
 """Angles are computed up to this."""
-MIN_MASS = 1e-300
-"""Where omega is 0 at all nodes, sums are divided by this."""
+FIT_SHARE = 0.01
+"""Triangles without a node in the half disc have this weight, per area and peak, where u_h is fitted."""
 DISTANCE_SHARE = 1 - 1e-6
 """Of distances to other sides this part is used, for they are rounded."""
 W_NORM = 0.1230
@@ -177,10 +177,11 @@ class HalfDiscs:
         omega is that about s, and s_0 is the midpoint.
         """
         # l = level + slope . place is near u_h, and int omega l = level + slope_2 32 rho / (35 pi)
-        total = np.maximum(self.sum(self.mass), MIN_MASS)
-        slope = np.stack([self.sum(self.mass * component) / total for component in self.slopes])
+        share = self.mass + FIT_SHARE * self.peak[self.arc] * self.area
+        total = self.sum(share)
+        slope = np.stack([self.sum(share * component) / total for component in self.slopes])
         v = self.corners - np.einsum("fp,fip->ip", slope[:, self.arc], self.place)
-        level = self.sum(self.area * _product_means(self.omega, v)) / total
+        level = self.sum(share * v.mean(axis=0)) / total
         v = v - level[self.arc]
         mean = level + slope[1] * 32 * self.radius / (35 * math.pi)
         mean += self.sum(self.area * _product_means(self.omega, v))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems.case_certificate import certify_case
+from unilateral.solution.evaluation import evaluate_at_points, evaluate_u_h
 
 KNOWN_CASES = ["natural", "clamped", "vertex"]
 """Cases with known ends of contact: a square root inside a side, a clamped side, and one at a vertex."""
@@ -142,6 +144,29 @@ def test_no_side_is_nearer_than_in_its_sector(polygon):
     middle = bound[:, bound.shape[1] // 2]
     assert np.all(middle > 0)
     assert np.all(bound.min(axis=1) > 0.5 * (arcs.distance().min(axis=1) - arcs.half_length))
+
+
+@pytest.mark.parametrize(("n", "radius"), [(4, 0.25), (16, 0.11), (2, 0.12)])
+def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius):
+    """Of rough u_h, against 100 x 100 points of each half disc; a smooth one is met on the finest mesh."""
+    mesh = make_structured_mesh(SQUARE, 1 / n)
+    rng = np.random.default_rng(50)
+    arcs = Arcs(SQUARE, np.array([0]), np.array([0.45]), np.array([0.55]))
+    r = (np.arange(100) + 0.5) / 100
+    angle = (np.arange(100) + 0.5) / 100 * math.pi
+    weight = np.repeat(omega(r**2) * r * math.pi / 100 / 100, 100)
+    disc = radius * (r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).reshape(-1, 2)
+    for noise in (1.0, 1.0, 1.0, 0.0):
+        u_h = np.hypot(mesh.points[:, 0] + 1, mesh.points[:, 1]) + noise * rng.standard_normal(mesh.n_nodes)
+        data = SimpleNamespace(mesh=mesh)
+        means = SuperMeans(data, u_h, Form(), ErrorBounds(0.0, 0.0, 0.0))
+        found, slope = means._find_triangles(arcs, np.array([radius])).means()
+        lost = []
+        for s in np.linspace(0.45, 0.55, 5):
+            values = evaluate_at_points(mesh, disc + np.array([s, 0]), partial(evaluate_u_h, mesh, u_h))
+            lost.append(weight @ values - slope[0] * (s - 0.5) - found[0])
+        assert min(lost) > -1e-3
+        assert noise or n < 16 or max(lost) < 0.02
 
 
 @pytest.mark.parametrize("slope", [0.0, -2.0])
