@@ -147,10 +147,10 @@ def test_no_side_is_nearer_than_in_its_sector(polygon):
 
 
 @pytest.mark.parametrize(
-    ("n", "radius", "half", "roughness"), [(4, 0.25, 0.001, 1.0), (2, 0.12, 0.05, 1.0), (64, 0.11, 0.05, 0.0)]
+    ("n", "radius", "half", "roughness"), [(4, 0.25, 0.001, 1), (2, 0.12, 0.05, 1), (64, 0.11, 0.05, 0)]
 )
 def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, roughness):
-    """Against 100 x 100 points of each half disc, of rough u_h and of one with a kink, which is met nearly."""
+    """Against 100 x 100 points of each half disc: of rough u_h, and of one with a kink, nearly met."""
     mesh = make_structured_mesh(SQUARE, 1 / n)
     rng = np.random.default_rng(50)
     arcs = Arcs(SQUARE, np.array([0]), np.array([0.5 - half]), np.array([0.5 + half]))

@@ -203,10 +203,10 @@ def test_no_arc_is_certain_against_the_exact_solution(one):
     assert not contradicted_arcs(one)
 
 
-@of_each([("formula", 4)])
+@of_each([("formula", 8)])
 def test_an_arc_that_is_certain_wrongly_is_noticed(one):
-    """Control: with a hundredth of the bounds, noise in u_h and lambda_H is believed."""
-    assert contradicted_arcs(one, share=0.01)
+    """Control: without what the error adds, contact is called free where u_h is too high."""
+    assert contradicted_arcs(one, share=0.0)
 
 
 def judged_search(of, accuracy, most):
