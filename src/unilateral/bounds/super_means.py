@@ -1,4 +1,4 @@
-"""Lower bounds on u - g on arcs of sides with contact, as u is not below its means over half discs.
+"""Super-means: lower bounds on u - g on sides with contact, as u is not below its means over half discs.
 
 Let x be a point of a side with contact, and B a half disc of radius rho about x that lies in the domain and
 meets no other side. With t = r^2 / rho^2 the weight omega = 6 (1 - t)^2 / (pi rho^2) has the integral 1, and
@@ -12,7 +12,7 @@ e = u - u_h it follows that
     u(x) >= int omega u_h + rho^2 / (16 k) min_B (f_h - c u_h) - ||W||_0 ||f - f_h||_B / k
             + int (omega - c/k W) e.
 
-This is above g on an arc only if u does not touch g there (supplement, Proposition S20).
+Where the right side is above g, u does not touch g (supplement, Proposition S20).
 """
 
 from __future__ import annotations
