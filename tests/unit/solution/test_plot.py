@@ -302,8 +302,9 @@ def test_a_legend_says_what_hatches_mean(half_clamped):
     top, *along = half_clamped.plot().axes
     assert [text.get_text() for text in top.get_legend().get_texts()] == ["clamped"]
     for axes in along:
-        spans = {patch.get_x(): patch.get_hatch() for patch in axes.patches if hasattr(patch, "get_x")}
-        assert spans == {0: "///", 2: None, 3: "///"}
+        spans = [patch for patch in axes.patches if hasattr(patch, "get_x")]
+        whole = {patch.get_x(): patch.get_hatch() for patch in spans if patch.get_height() == 1}
+        assert whole == {0: "///", 2: None, 3: "///"}
     top, *_ = ul.solve(ul.case("natural"), **SIZES).plot().axes
     assert top.get_legend() is None
 
@@ -318,3 +319,20 @@ def test_without_an_obstacle_no_contact_is_claimed(u):
     assert not any("in contact" in each for each in said)
     page = ul.solve(ul.Problem(SQUARE, -1, [0, None, None, None], sides[1:], u=u), **SIZES).plot()
     assert any("in contact on all sides" in text.get_text() for axes in page.axes for text in axes.texts)
+
+
+def test_a_bar_says_what_is_certain():
+    """Black, white and hatched pieces cover the sides with contact, at the foot of the last panel, with a key."""
+    s = ul.solve("clamped", h=1 / 32, H=1 / 16)
+    *_, axes = s.plot().axes
+    bar = [patch for patch in axes.patches if hasattr(patch, "get_x") and patch.get_height() == 0.1]
+    starts = s.polygon.starts
+    ends = [(starts[arc.side] + arc.start, arc.end - arc.start) for arc in s.contact.certain]
+    assert [(piece.get_x(), piece.get_width()) for piece in bar] == [pytest.approx(each) for each in ends]
+    hatched = {
+        piece.get_hatch()
+        for piece, arc in zip(bar, s.contact.certain, strict=True)
+        if arc.verdict == "not decided"
+    }
+    assert hatched == {"xxxxx"}
+    assert "hatched not decided" in axes.get_xlabel()
