@@ -322,7 +322,7 @@ def test_without_an_obstacle_no_contact_is_claimed(u):
 
 
 def test_a_bar_says_what_is_certain():
-    """Black, white and hatched pieces cover the sides with contact, at the foot of the last panel, with a key."""
+    """Black, white and hatched pieces at the foot of the last panel cover the sides with contact."""
     s = ul.solve("clamped", h=1 / 32, H=1 / 16)
     *_, axes = s.plot().axes
     bar = [patch for patch in axes.patches if hasattr(patch, "get_x") and patch.get_height() == 0.1]
