@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from unilateral.adaptive.forecast import Plan
 from unilateral.adaptive.level import NOT_ENCLOSED, Level
 from unilateral.adaptive.loop import Search
 from unilateral.adaptive.marking import refinement_pays
+from unilateral.bounds.certain_contact import CertainArc
 from unilateral.bounds.forces import Force
 from unilateral.cli.guard import rewrite_as_options
 from unilateral.errors import pluralise
@@ -28,6 +30,7 @@ from unilateral.solution.bounds import (
     name_solution_norms,
     relative_bound,
 )
+from unilateral.solution.contact import describe_certain_arcs
 from unilateral.solution.summary import LINEAR_PROBLEM_NOTE
 from unilateral.system.files import format_file_size
 
@@ -142,12 +145,20 @@ def format_file_row(file: Path) -> str:
 
 
 def _contact_rows(contact_record: dict[str, Any], polygon: Polygon) -> dict[str, str]:
-    """The rows of the contact set: one, and one for each side in contact unless there are too many."""
-    if contact_record["full"]:
-        return {"contact": f"the whole boundary, length {contact_record['length']:.6g}"}
-    rows = {"contact": f"length {contact_record['length']:.6g}" if contact_record["intervals"] else "none"}
-    sides = sorted({interval["side"] for interval in contact_record["intervals"]})
-    for side in sides if len(contact_record["lengths"]) <= MAX_FORCE_SIDES else ():
+    """The rows of the contact set: its computed length and, unless there are too many, one for each side.
+
+    What is certain of a side comes first, then the computed intervals.
+    """
+    whole = "the whole boundary, " * contact_record["full"]
+    length = f"{whole}length {contact_record['length']:.6g}, computed"
+    rows = {"contact": length if contact_record["intervals"] else "none, computed"}
+    if len(contact_record["lengths"]) > MAX_FORCE_SIDES:
+        return rows
+    certain = [CertainArc(**arc) for arc in contact_record["certain"]]
+    texts = {
+        side: describe_certain_arcs([*arcs]) for side, arcs in groupby(certain, key=lambda arc: arc.side)
+    }
+    for side, side_length in enumerate(contact_record["lengths"]):
         intervals = [interval for interval in contact_record["intervals"] if interval["side"] == side]
         listed = ", ".join(
             f"{interval['start']:.6g} to {interval['end']:.6g}"
@@ -158,9 +169,10 @@ def _contact_rows(contact_record: dict[str, Any], polygon: Polygon) -> dict[str,
             if len(intervals) > MAX_INTERVALS_PER_SIDE
             else ""
         )
-        rows[f"contact, side {polygon.label_side(side)}"] = (
-            f"{listed}{omitted}; length {contact_record['lengths'][side]:.6g}"
-        )
+        computed = [f"computed: {listed}{omitted}, length {side_length:.6g}"] if intervals else []
+        parts = ([texts[side]] if side in texts else []) + computed
+        if parts:
+            rows[f"contact, side {polygon.label_side(side)}"] = "; ".join(parts)
     return rows
 
 

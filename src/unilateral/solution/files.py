@@ -61,9 +61,11 @@ def _write_vtu(solution: Solution, path: str | os.PathLike[str]) -> None:
     """Writes u_h, the mean of lambda_H on each boundary edge, and the shares of triangles in the bound."""
     edge_means = solution.partition.means(np.nan_to_num(solution.multiplier), solution.mesh.s)
     edge_means[np.isin(solution.mesh.side, solution.problem.clamped_sides)] = math.nan
+    certain = solution.partition.means(solution.contact.certain_cells, solution.mesh.s)
     shares = compute_error_shares(solution)
     triangle_fields = {} if shares is None else {"error_share": shares}
-    write_mesh(solution.mesh, path, {"multiplier": edge_means}, {"u": solution.u}, triangle_fields)
+    edge_fields = {"multiplier": edge_means, "certain_contact": certain}
+    write_mesh(solution.mesh, path, edge_fields, {"u": solution.u}, triangle_fields)
 
 
 def save_certificate(solution: Solution, path: str | os.PathLike[str]) -> None:

@@ -125,7 +125,8 @@ def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]])
     arguments.check_flags(sharp=sharp)
     bounds = bound_errors(solution, sharp)
     solved = solution.solved
-    form = solved.form
+    # on sides that do not touch, by the data, lambda is 0 as on free ones
+    form = solved.form._replace(free=solved.form.free + solution.problem.idle_sides())
     n = solution.polygon.n_sides
     # without bounds nothing is known of reactions
     outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))

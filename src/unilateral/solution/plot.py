@@ -15,6 +15,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator
 
+from unilateral.bounds.certain_contact import Verdict
 from unilateral.errors import InputError, quote_input
 from unilateral.geometry.polygon import Polygon
 from unilateral.solution.plot_data import MIN_NUMBER_DISTANCE, PlotData, select_numbered_sides
@@ -29,6 +30,14 @@ from unilateral.solution.plot_domain import (
 
 GAP_COLOUR = "tab:blue"
 CLAMPED_BAND_STYLE: Any = {"facecolor": "0.93", "edgecolor": "0.8", "linewidth": 0, "hatch": "///"}
+CERTAIN_BAR_STYLES: Any = {
+    Verdict.TOUCHES: {"facecolor": "black", "edgecolor": "black"},
+    Verdict.FREE: {"facecolor": "white", "edgecolor": "black"},
+    Verdict.UNDECIDED: {"facecolor": "white", "edgecolor": "0.4", "hatch": "xxxxx"},
+}
+CERTAIN_BAR_HEIGHT = 0.1
+"""The bar of what is certain, as a fraction of the panel of the gap; it is read without colours."""
+CERTAIN_BAR_KEY = "bar, guaranteed: black touches, white does not touch, hatched not decided"
 DOTS_PER_INCH = 150
 """Dots per inch of what has as many parts as the mesh."""
 PLOT_STYLE: Any = {
@@ -123,6 +132,7 @@ def _draw_boundary_panels(multiplier_axes: Axes, gap_axes: Axes, plot_data: Plot
     multiplier_axes.yaxis.get_offset_text().set_horizontalalignment("right")
     gap_axes.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
     _mark_sides_without_contact(multiplier_axes, gap_axes, plot_data)
+    _draw_certain_bar(gap_axes, plot_data)
     number_sides(multiplier_axes, polygon)
 
 
@@ -133,6 +143,21 @@ def number_sides(axes: Axes, polygon: Polygon) -> None:
     middles = polygon.starts[:-1] + polygon.lengths / 2
     side_axis.set_xticks(middles[numbered_sides], [str(i) if i else "side 0" for i in numbered_sides])
     side_axis.tick_params(length=0)
+
+
+def _draw_certain_bar(axes: Axes, plot_data: PlotData) -> None:
+    """A bar at the lower edge of a panel along the boundary: where contact is certain, and where a gap."""
+    certain = plot_data.contact.certain
+    for arc in certain:
+        start = plot_data.mesh.polygon.starts[arc.side]
+        style = CERTAIN_BAR_STYLES[arc.verdict]
+        bar: Any = {"ymax": CERTAIN_BAR_HEIGHT, "linewidth": 0.4, "zorder": 3, **style}
+        axes.axvspan(start + arc.start, start + arc.end, **bar)
+    if certain:
+        axes.set_xlabel(f"{axes.get_xlabel()}\n{CERTAIN_BAR_KEY}")
+        # room for the bar below the curve
+        bottom, top = axes.get_ylim()
+        axes.set_ylim(bottom - 1.5 * CERTAIN_BAR_HEIGHT * (top - bottom), top)
 
 
 def _set_value_ticks(axes: Axes, zero_meaning: str) -> None:

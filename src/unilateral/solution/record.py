@@ -98,6 +98,7 @@ def make_solution_record(
             "length": contact.length,
             "lengths": contact.lengths.tolist(),
             "intervals": [interval._asdict() for interval in contact.intervals],
+            "certain": [arc._asdict() for arc in contact.certain] if bounds else [],
         },
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},

@@ -25,7 +25,7 @@ from unilateral.norms.fortin import beta_lower_bound
 from unilateral.problems import arguments
 from unilateral.solution import evaluation, files, summary, tables
 from unilateral.solution.bounds import Bounds, bound_errors, compute_error_shares, uses_sharp_bounds
-from unilateral.solution.contact import Contact
+from unilateral.solution.contact import Contact, prove_contact
 from unilateral.solution.forces import Forces, compute_force, compute_forces
 from unilateral.solution.record import make_solution_record
 from unilateral.system.optional import require
@@ -56,7 +56,7 @@ class Solution:
     >>> ul.solve("natural", h=1 / 16, H=1 / 8)
     Solution of 'natural': a natural square-root transition in the middle of a side
       force            16.00 ± 0.21, guaranteed
-      contact          length 3.5 of 4
+      contact          computed: 3.5 of 4
       error of u       at most 0.204, 4.3 % of ||u||_1, guaranteed
       error of lambda  at most 0.203, 1.3 % of ||lambda||_-1/2, guaranteed
       unknowns         289, and 32 multipliers
@@ -129,8 +129,11 @@ class Solution:
 
     @cached_property
     def contact(self) -> Contact:
-        """The cells with lambda_H > 0: their `intervals`, `lengths` on sides, `length`; `full` if all are."""
-        return Contact(self.partition, self.multiplier)
+        """The cells with lambda_H > 0: their `intervals`, `lengths` on sides, `length`; `full` if all are.
+
+        These are computed; what is guaranteed is in `certain`.
+        """
+        return Contact(self.partition, self.multiplier, partial(prove_contact, self))
 
     @cached_property
     def bounded(self) -> DiscreteSolution:

@@ -63,8 +63,8 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
         rows = _collect_force_rows(solution, bounds, sharp) if len(cells) else {}
         bound_rows = _collect_bound_rows(solution, bounds)
     contact = solution.contact
-    lengths = f"length {contact.length:.4g} of {solution.polygon.perimeter:.4g}"
-    rows["contact"] = "the whole boundary, " * contact.full + lengths
+    lengths = f"{contact.length:.4g} of {solution.polygon.perimeter:.4g}"
+    rows["contact"] = f"computed: {'the whole boundary, ' * contact.full}{lengths}"
     if not len(cells):
         rows["contact"] = LINEAR_PROBLEM_NOTE
     rows |= bound_rows

@@ -34,6 +34,7 @@ LONG_NAMES = {
     "y_end": "y of the end of the cell",
     "multiplier": "lambda_H on the cell; missing on clamped sides",
     "gap": "mean of u_h - g on the cell",
+    "certain": "1 where the exact solution touches for certain, -1 where it does not, else 0",
 }
 
 
@@ -64,8 +65,13 @@ def write_csv(columns: TableColumns, path: Path) -> None:
 
 
 def solution_cell_columns(solution: Solution) -> TableColumns:
-    """The columns of the cells of a solution, with lambda_H and the means of u_h - g."""
-    return make_cell_columns(solution.partition, multiplier=solution.multiplier, gap=solution.gap)
+    """The columns of the cells of a solution, with lambda_H, the means of u_h - g, and certain contact."""
+    return make_cell_columns(
+        solution.partition,
+        multiplier=solution.multiplier,
+        gap=solution.gap,
+        certain=solution.contact.certain_cells,
+    )
 
 
 def make_dataset(solution: Solution) -> xr.Dataset:

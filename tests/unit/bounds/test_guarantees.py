@@ -20,6 +20,7 @@ from random_problems import make_random_problem
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.bounds import source
+from unilateral.bounds.certain_contact import Verdict, find_certain_contact
 from unilateral.bounds.clamped_ends import no_reactions
 from unilateral.bounds.dual_forces import enclose_force
 from unilateral.bounds.forces import bound_forces
@@ -52,6 +53,7 @@ WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
 ALL = [*WITHOUT_CORNERS, *CORNERS]
 BY_DUALITY = [*OF_FORMULAS, *FLUXES] if FUZZ else [BY_HAND[0], BY_HAND[1], *OF_FORMULAS[:3], *FLUXES[:2]]
 CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
+CERTAIN = number_problems("formula", (0, 4, 8, 22), 5) + number_problems("flux", (0, 2), 2)
 
 
 PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_problems.FAMILIES, 20_000)
@@ -223,6 +225,38 @@ def test_a_force_outside_its_interval_by_duality_is_noticed(known_case):
 def test_a_force_outside_is_noticed(known_case):
     """Control: without what the error adds, exact forces lie outside."""
     assert forces_outside(known_case, share=0.0)
+
+
+def list_contradictions(known_case, share=1.0):
+    """Arcs that are called free where u = g at one of 800 points, or touching where it is above g at all.
+
+    The `share` is of the bounds.
+    """
+    wrong = []
+    for bound, trial in zip(bounds(local_bound, known_case), known_case.trials, strict=True):
+        smaller = replace(bound, u=share * bound.u, lambda_=share * bound.lambda_, eta=share * bound.eta)
+        for arc in find_certain_contact(*trial.bound_arguments, smaller):
+            u, _, gap = known_case.known_solution.boundary(
+                np.full(800, arc.side), np.linspace(arc.start, arc.end, 800)
+            )
+            touches = gap.min() <= 1e-9 * np.abs(u).max()
+            if (arc.verdict is Verdict.FREE and gap.min() <= 0) or (
+                arc.verdict is Verdict.TOUCHES and not touches
+            ):
+                wrong.append(arc)
+    return wrong
+
+
+@parametrize_problems(CERTAIN)
+def test_no_arc_is_certain_against_the_exact_solution(known_case):
+    """Whatever u_h and lambda_H are, on uniform and on adapted meshes."""
+    assert not list_contradictions(known_case)
+
+
+@parametrize_problems([("formula", 8)])
+def test_an_arc_that_is_certain_wrongly_is_noticed(known_case):
+    """Control: without what the error adds, contact is called free where u_h is too high."""
+    assert list_contradictions(known_case, share=0.0)
 
 
 def judged_search(problem, accuracy, maximum):

@@ -29,7 +29,7 @@ def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     for command, *remaining in commands:
         assert run(command, *" ".join(remaining).split())[0] == 0
     printed = run("solve", str(file))[1]
-    start, end = map(float, re.search(r"contact, side 0 +(\S+) to (\S+);", printed).groups())
+    start, end = map(float, re.search(r"contact, side 0 .*computed: (\S+) to (\S+),", printed).groups())
     assert 0 < start < end == 600  # it ends inside the side
     assert float(re.search(r"sum of forces, reactions +(\S+) ±", printed)[1]) == pytest.approx(12)
     file.write_text(text.replace("f: ", "#"), encoding="utf-8")

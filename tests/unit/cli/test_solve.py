@@ -274,14 +274,22 @@ def test_what_cannot_be_kept_is_told_before_the_solve(refusal, tmp_path, monkeyp
 def test_the_contact_is_printed(run, monkeypatch):
     """natural: on half of side 0, up to a cell, and on all others; full_contact: everywhere."""
     rows = dict(re.findall(r"^  (contact\S*(?: side .)?) +(.*)$", run("solve", "natural", *FINER)[1], re.M))
-    start, end = map(float, re.match(r"(\S+) to (\S+);", rows["contact, side 0"]).groups())
+    certain, computed = rows["contact, side 0"].split("; computed: ")
+    start, end = map(float, re.match(r"(\S+) to (\S+),", computed).groups())
     assert (start, end) == (pytest.approx(0.5, abs=1 / 8), 1)
-    assert rows["contact"] == f"length {4 - start:g}"
-    assert all(rows[f"contact, side {side}"] == "0 to 1; length 1" for side in (1, 2, 3))
+    assert rows["contact"] == f"length {4 - start:g}, computed"
+    # what is certain comes first
+    assert re.fullmatch(r"(touches within|not decided on) .*", certain)
+    assert all(
+        rows[f"contact, side {side}"].endswith("; computed: 0 to 1, length 1")
+        and rows[f"contact, side {side}"].startswith("touches within ")
+        for side in (1, 2, 3)
+    )
     out = run("solve", "full_contact", *SIZES)[1]
-    assert "  contact                     the whole boundary, length 4\n" in out
-    assert "contact, side" not in out
-    assert "  contact                     none\n" in run("solve", "no_contact", *SIZES)[1]
+    assert "  contact                     the whole boundary, length 4, computed\n" in out
+    out = run("solve", "no_contact", *SIZES)[1]
+    assert "  contact                     none, computed\n" in out
+    assert "computed: " not in out
     monkeypatch.setattr("unilateral.cli.report.MAX_FORCE_SIDES", 3)
     assert "contact, side" not in run("solve", "natural", *SIZES)[1]
 

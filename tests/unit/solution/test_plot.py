@@ -317,8 +317,9 @@ def test_a_legend_says_what_hatches_mean(half_clamped_solution):
     top, *along = half_clamped_solution.plot().axes
     assert [text.get_text() for text in top.get_legend().get_texts()] == ["clamped"]
     for axes in along:
-        spans = {patch.get_x(): patch.get_hatch() for patch in axes.patches if hasattr(patch, "get_x")}
-        assert spans == {0: "///", 2: None, 3: "///"}
+        spans = [patch for patch in axes.patches if hasattr(patch, "get_x")]
+        bands = {patch.get_x(): patch.get_hatch() for patch in spans if patch.get_height() == 1}
+        assert bands == {0: "///", 2: None, 3: "///"}
     top, *_ = ul.solve(ul.case("natural"), **SIZES).plot().axes
     assert top.get_legend() is None
 
@@ -333,3 +334,20 @@ def test_without_an_obstacle_no_contact_is_claimed(u):
     assert not any("in contact" in item for item in texts)
     page = ul.solve(ul.Problem(SQUARE, -1, [0, None, None, None], sides[1:], u=u), **SIZES).plot()
     assert any("in contact on all sides" in text.get_text() for axes in page.axes for text in axes.texts)
+
+
+def test_a_bar_says_what_is_certain():
+    """Black, white and hatched pieces at the foot of the last panel cover the sides with contact."""
+    s = ul.solve("clamped", h=1 / 32, H=1 / 16)
+    *_, axes = s.plot().axes
+    bar = [patch for patch in axes.patches if hasattr(patch, "get_x") and patch.get_height() == 0.1]
+    starts = s.polygon.starts
+    places = [(starts[arc.side] + arc.start, arc.end - arc.start) for arc in s.contact.certain]
+    assert [(piece.get_x(), piece.get_width()) for piece in bar] == [pytest.approx(place) for place in places]
+    hatched = {
+        piece.get_hatch()
+        for piece, arc in zip(bar, s.contact.certain, strict=True)
+        if arc.verdict == "not decided"
+    }
+    assert hatched == {"xxxxx"}
+    assert "hatched not decided" in axes.get_xlabel()

@@ -42,7 +42,7 @@ def test_a_solution_prints_what_is_known_of_it(cog):
     bound, percent = re.fullmatch(pattern, rows["error of u"]).groups()
     assert cog.bounds.u <= float(bound) <= 1.01 * cog.bounds.u
     assert 100 * cog.bounds.relative_u <= float(percent) <= 10
-    assert rows["contact"].startswith(f"length {cog.contact.length:.4g} of ")
+    assert rows["contact"].startswith(f"computed: {cog.contact.length:.4g} of ")
 
 
 def test_a_printed_force_has_the_guaranteed_interval_inside(cog):
@@ -165,8 +165,8 @@ def test_the_printed_length_of_contact_is_the_whole_boundary_or_0():
     """By hand: g above f everywhere presses u onto g; g far below leaves u alone."""
     full = ul.solve(ul.Problem(SQUARE, f=0, g=1), **SIZES)
     none = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES)
-    assert "contact          the whole boundary, length 4 of 4" in repr(full)
-    assert "contact          length 0 of 4" in repr(none)
+    assert "contact          computed: the whole boundary, 4 of 4" in repr(full)
+    assert "contact          computed: 0 of 4" in repr(none)
     assert np.all(none.multiplier == 0)
 
 

@@ -1,0 +1,275 @@
+"""What is proved of contact, arc by arc: against exact contact sets, and the kernels against quadrature."""
+
+import math
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import unilateral as ul
+from unilateral.bounds.certain_contact import Verdict, _bound_tents, find_certain_contact
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.source import Source
+from unilateral.bounds.super_means import W_NORM, Arcs, ErrorBounds, SuperMeans
+from unilateral.fem.form import Form
+from unilateral.geometry.partition import make_uniform_partition
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.problems.case_certificate import certify_case
+from unilateral.solution.evaluation import evaluate_at_points, evaluate_u_h
+
+KNOWN_CASES = ["natural", "clamped", "vertex"]
+"""Cases with known ends of contact: a square root inside a side, a clamped side, and one at a vertex."""
+KNOWN_LEVELS = (16, 32, 64)
+SQUARE = Polygon([(0, 0), (1, 0), (1, 1), (0, 1)], "square")
+L_SHAPE = Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], "l")
+
+
+def integrate(f):
+    """The integral over the unit half disc of a function of t = r^2: pi/2 int f(t) dt."""
+    return 0.5 * math.pi * quad(f, 0, 1, limit=200)[0]
+
+
+def omega(t):
+    return 6 / math.pi * (1 - t) ** 2
+
+
+def W(t):
+    return (-math.log(t) - 3 * (1 - t) + 1.5 * (1 - t**2) - (1 - t**3) / 3) / (2 * math.pi)
+
+
+def test_the_kernel_is_what_the_proof_takes():
+    """int omega = 1, int W = 1/16, ||W||_0 is just below its constant, and the moment is 32 / (35 pi).
+
+    -Laplace W = -omega away from 0: with t = r^2, Laplace W = 4 (t W')'.
+    """
+    assert integrate(omega) == pytest.approx(1)
+    assert integrate(W) == pytest.approx(1 / 16)
+    assert 0.999 * W_NORM < math.sqrt(integrate(lambda t: W(t) ** 2)) <= W_NORM
+    moment = 2 * quad(lambda r: omega(r**2) * r**2, 0, 1)[0]
+    assert moment == pytest.approx(32 / (35 * math.pi))
+    d = 1e-4
+    for t in (0.2, 0.5, 0.8):
+        half = [(t + shift * d / 2) * (W(t + shift * d) - W(t)) / (shift * d) for shift in (-1, 1)]
+        assert 4 * (half[1] - half[0]) / d == pytest.approx(omega(t), rel=1e-3)
+
+
+def means_with(errors, k=1.0, c=0.0):
+    """Means on a square that need no solution: f = 3, and half of its norm on each triangle is not known."""
+    mesh = make_structured_mesh(SQUARE, 1 / 8)
+    n = len(mesh.triangles)
+    source = Source(mesh, np.full((n, 3), 3.0), np.zeros(n), np.zeros(n), 1.5 * np.sqrt(mesh.areas))
+    data = SimpleNamespace(mesh=mesh, source=source)
+    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors)
+
+
+ONE_ARC = Arcs(SQUARE, np.array([0]), np.array([0.4375]), np.array([0.5]))
+
+
+def test_the_part_of_the_error_is_bounded_by_two_fields():
+    """int (m_rho - t_R)^2 / (pi r) dr over each sector of radius R, by quadrature, and 2 / (pi R^2) in L2."""
+    radius = np.array([0.1])
+    discs = SimpleNamespace(arcs=ONE_ARC, radius=radius)
+    R = ONE_ARC.distance_in_sectors()[0]
+
+    def square(q):
+        def integrand(t):
+            return (1 - (1 - min(t / q, 1)) ** 3 - t) ** 2 / t
+
+        return quad(integrand, 0, 1, points=[q], limit=200)[0] / (2 * math.pi)
+
+    field = math.sqrt(np.mean([square((0.1 / R_i) ** 2) for R_i in R]))
+    bound = means_with(ErrorBounds(1.0, 0.0, 0.0), k=4)._error_loss(discs)[0]
+    assert field / 2 <= bound <= 1.1 * field / 2
+    # the norm over a sector of the angle pi / n is 2 / (pi R^2) (pi R^2 / (2 n))^(1/2)
+    kappa = math.sqrt(np.sum((2 / (math.pi * R**2)) ** 2 * math.pi * R**2 / (2 * len(R))))
+    assert means_with(ErrorBounds(0.0, 1.0, 0.0))._error_loss(discs)[0] == pytest.approx(kappa)
+    # for c > 0 the better one counts, and int W e comes to it: here ||e||_0 <= 1 / c^(1/2)
+    loss = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._error_loss(discs)[0]
+    assert loss == pytest.approx(math.hypot(2 * bound, kappa / 2) + 4 * W_NORM * 0.1 * 0.5)
+
+
+def test_the_part_of_the_source():
+    """f - c u = 3 - 1 on all triangles, so rho^2 / 16 times 2 / k is gained; the rest is lost by its norm."""
+    means = means_with(ErrorBounds(0.0, 0.0, 0.0), k=2, c=1)
+    radius = np.array([0.1])
+    discs = means._find_triangles(ONE_ARC, radius)
+    area = discs.sum(means.data.mesh.areas[discs.triangle])[0]
+    loss = means._source_loss(discs)[0]
+    assert loss == pytest.approx((W_NORM * 0.1 * 1.5 * math.sqrt(area) - 0.01 / 16 * 2) / 2, rel=1e-6)
+    assert area > math.pi * 0.1**2 / 2
+
+
+@pytest.mark.parametrize(("k", "c"), [(1.0, 0.0), (4.0, 30.0)])
+def test_the_force_on_a_tent(k, c):
+    """lambda_H = s: int s w = rho times the midpoint, less E N(w); and 0 where the tent has no room."""
+    cells = make_uniform_partition(SQUARE, 1 / 64)
+    middle = 0.5 * (cells.points[1:] + cells.points[:-1])
+    norm = math.sqrt(k * math.pi / 2 + c * math.pi / 12 / 32**2)
+    for E in (0.0, 0.1):
+        bound = _bound_tents(ONE_ARC, cells, middle, Form(k=k, c=c), E)[0]
+        assert bound == pytest.approx(15 / 32 / 32 - E * norm, abs=1e-9)
+        assert bound <= 15 / 32 / 32 - E * norm + 1e-15
+
+
+def test_the_norm_of_a_tent():
+    """|w|_1^2 = pi / 2 and ||w||_0^2 = pi / 12 for w = 1 - r on the unit half disc."""
+    assert integrate(lambda t: 1) == pytest.approx(math.pi / 2)
+    assert integrate(lambda t: (1 - math.sqrt(t)) ** 2) == pytest.approx(math.pi / 12)
+
+
+@pytest.mark.parametrize("polygon", [L_SHAPE, Polygon([(0, 0), (3, 0), (2.9, 0.4), (0.5, 0.6)], "thin")])
+def test_no_side_is_nearer_than_in_its_sector(polygon):
+    """Against 4000 points of the boundary, seen from points of the arcs; and it is nearly the distance."""
+    side = np.repeat(np.arange(polygon.n_sides), 3)
+    start = polygon.starts[side] + np.tile([0.3, 0.5, 0.62], polygon.n_sides) * polygon.lengths[side]
+    arcs = Arcs(polygon, side, start, start + 0.03 * polygon.lengths[side])
+    bound = arcs.distance_in_sectors()
+    places = np.linspace(0, polygon.perimeter, 4001)[:-1]
+    sides = polygon.sides_of(places)
+    boundary = polygon.at(sides, places - polygon.starts[sides])
+    for i, number in enumerate(side):
+        beyond = boundary[sides != number]
+        tangent = polygon.tangents[number]
+        inward = -polygon.normals[number]
+        for s in np.linspace(arcs.start[i], arcs.end[i], 5) - polygon.starts[number]:
+            offset = beyond - polygon.at(np.array([number]), np.array([s]))
+            angle = np.arctan2(offset @ tangent, offset @ inward)
+            in_front = np.abs(angle) <= math.pi / 2
+            n = bound.shape[1]
+            sector = np.clip((angle[in_front] / math.pi + 0.5) * n, 0, n - 1).astype(int)
+            assert np.all(np.hypot(*offset[in_front].T) >= bound[i, sector])
+    middle = bound[:, bound.shape[1] // 2]
+    assert np.all(middle > 0)
+    assert np.all(bound.min(axis=1) > 0.5 * (arcs.distance().min(axis=1) - arcs.half_length))
+
+
+@pytest.mark.parametrize(
+    ("n", "radius", "half", "roughness"), [(4, 0.25, 0.001, 1), (2, 0.12, 0.05, 1), (64, 0.11, 0.05, 0)]
+)
+def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, roughness):
+    """Against 100 x 100 points of each half disc: of rough u_h, and of one with a kink, nearly met."""
+    mesh = make_structured_mesh(SQUARE, 1 / n)
+    rng = np.random.default_rng(50)
+    arcs = Arcs(SQUARE, np.array([0]), np.array([0.5 - half]), np.array([0.5 + half]))
+    r = (np.arange(100) + 0.5) / 100
+    angle = r * math.pi
+    weight = np.repeat(omega(r**2) * r * math.pi / 100 / 100, 100)
+    disc = radius * (r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).reshape(-1, 2)
+    for _ in range(10 if roughness else 1):
+        u_h = -np.abs(mesh.points[:, 0] - 0.5) + roughness * rng.standard_normal(mesh.n_nodes)
+        means = SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), ErrorBounds(0.0, 0.0, 0.0))
+        mean, slope = means._find_triangles(arcs, np.array([radius])).means()
+        excesses = []
+        for s in np.linspace(-half, half, 3):
+            values = evaluate_at_points(mesh, disc + np.array([0.5 + s, 0]), partial(evaluate_u_h, mesh, u_h))
+            excesses.append(weight @ values - slope[0] * s - mean[0])
+        assert min(excesses) > -2e-3
+    assert roughness or max(excesses) < 0.07
+
+
+@pytest.mark.parametrize("slope", [0.0, -2.0])
+def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
+    """u = 1 + x + slope y, k = 3, c = 0: u - g = 0.5, and the mean of u is less by 32 rho / (35 pi) |slope|.
+
+    rho is the smaller radius, that of twice the half length of the arc.
+    """
+    problem = ul.Problem(
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+        0,
+        ["0.5 + x", None, None, None],
+        free_sides=(1, 3),
+        k=3,
+        c=0,
+        u={2: f"1 + x + {slope}"},
+        q=[None, 3, None, -3],
+    )
+    d = ul.solve(problem, h=1 / 16, H=1 / 8).bounded
+    u_h = 1 + d.mesh.points @ [1.0, slope]
+    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0))
+    arcs = Arcs(problem.polygon, np.array([0, 0]), np.array([0.25, 0.5]), np.array([0.375, 0.625]))
+    expected = 0.5 + slope * 32 * 0.125 / (35 * math.pi)
+    gap = means.bound_gap(arcs)
+    assert gap == pytest.approx(expected, abs=1e-6)
+    assert np.all(gap <= expected)
+
+
+def contact_of(solution):
+    """The exact contact set of a case: side, start, end from the start of the side."""
+    lengths = solution.polygon.lengths
+    contact = certify_case(solution.problem.exact).contact
+    return [(side, start * lengths[side], end * lengths[side]) for side, start, end in contact]
+
+
+def list_contradictions(arcs, contact):
+    """Arcs that are called free and meet the contact set, and those said to touch that do not."""
+    wrong = []
+    for arc in arcs:
+        met = [
+            c for c in contact if c[0] == arc.side and c[1] <= arc.end + 1e-12 and c[2] >= arc.start - 1e-12
+        ]
+        inside = [c for c in met if c[1] < arc.end - 1e-9 and c[2] > arc.start + 1e-9]
+        if (arc.verdict is Verdict.FREE and inside) or (arc.verdict is Verdict.TOUCHES and not met):
+            wrong.append(arc)
+    return wrong
+
+
+def total_length(arcs, verdict):
+    return sum(arc.end - arc.start for arc in arcs if arc.verdict is verdict)
+
+
+@pytest.mark.parametrize("name", KNOWN_CASES)
+def test_what_is_certain_never_contradicts_a_known_contact_set(name):
+    """On all levels; arcs cover the sides with contact once, and ends of contact lie in no free arc."""
+    for n in KNOWN_LEVELS:
+        solution = ul.solve(name, h=1 / n, H=2 / n)
+        arcs = solution.contact.certain
+        assert not list_contradictions(arcs, contact_of(solution))
+        for side in solution.problem.contact_sides:
+            side_arcs = [arc for arc in arcs if arc.side == side]
+            ends = [side_arcs[0].start, *(arc.end for arc in side_arcs)]
+            assert ends[:-1] == [arc.start for arc in side_arcs]
+            assert (ends[0], ends[-1]) == pytest.approx((0, solution.polygon.lengths[side]))
+    assert total_length(arcs, Verdict.TOUCHES) > 0.1
+
+
+def test_the_undecided_length_falls_as_the_theory_says():
+    """By h^(2/3) up to the factor 2 of halved arcs: over three halvings of h to at most a half."""
+    lengths = [
+        total_length(ul.solve("clamped", h=1 / n, H=2 / n).contact.certain, Verdict.UNDECIDED)
+        for n in (8, 64)
+    ]
+    assert lengths[1] <= lengths[0] / 2
+
+
+def spoil(solution, share, u_rise=0.0, lambda_rise=0.0):
+    """What is certain for a u_h and a lambda_H that are too high, with that share of the bounds."""
+    d = solution.bounded
+    u_h = d.u_h + u_rise
+    lambda_H = d.lambda_H.copy()
+    lambda_H[d.cells] += lambda_rise
+    bound = local_bound(d.data, d.partition, u_h, lambda_H, d.form)
+    bound = replace(bound, u=share * bound.u, lambda_=share * bound.lambda_, eta=share * bound.eta)
+    return find_certain_contact(d.data, d.partition, u_h, lambda_H, d.form, bound)
+
+
+@pytest.mark.parametrize(
+    ("name", "spoilt", "verdict"),
+    [
+        ("natural", {"u_rise": 0.3}, Verdict.FREE),
+        ("vertex", {"u_rise": 0.3}, Verdict.FREE),
+        ("vertex", {"lambda_rise": 3.0}, Verdict.TOUCHES),
+    ],
+)
+def test_a_bound_that_is_a_hundred_times_too_small_is_noticed(name, spoilt, verdict):
+    """Control: contact is called free where u_h is too high, and gaps touch where lambda_H is.
+
+    With the true bounds neither happens.
+    """
+    solution = ul.solve(name, h=1 / 32, H=1 / 16)
+    contact = contact_of(solution)
+    assert not list_contradictions(spoil(solution, 1.0, **spoilt), contact)
+    assert {arc.verdict for arc in list_contradictions(spoil(solution, 0.01, **spoilt), contact)} == {verdict}
