@@ -267,12 +267,12 @@ def solve(
     goal = Goal(
         accuracy,
         norm,
-        _read_goal_sides(problem, norm, sides),
         **{name: read_optional_number(name, limit) for name, limit in limits.items()},
         sharp=sharp or norm == "hm12",
         absolute=absolute,
         kind=mesh if isinstance(mesh, str) else "",
         stop=stop or Stop(),
+        sides=_read_goal_sides(problem, norm, sides),
     )
     needs_contact = goal.norm == "hm12" or (goal.norm == "force" and not goal.sides)
     if needs_contact and not problem.contact_sides:
@@ -379,9 +379,10 @@ def _read_goal_sides(
 
     Raises InputError for sides that have no force.
     """
-    if norm != "force" and sides is None:
+    is_force = isinstance(norm, str) and norm == "force"
+    if not is_force and sides is None:
         return ()
-    if norm != "force":
+    if not is_force:
         raise InputError("sides is only for the norm 'force'; leave it out")
     if sides is None:
         return tuple(problem.contact_sides)

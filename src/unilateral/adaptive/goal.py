@@ -37,6 +37,8 @@ class Goal:
         "structured" or "unstructured" uniform meshes; "" leaves the choice to the loop.
     stop
         The algorithm of each level, and the limit of its steps.
+    sides
+        The sides whose force an accuracy of a force is for.
 
     Raises
     ------
@@ -46,7 +48,6 @@ class Goal:
 
     accuracy: float
     norm: str = "h1"
-    sides: tuple[int, ...] = ()
     max_unknowns: float | None = None
     max_seconds: float | None = None
     max_memory: float | None = None
@@ -54,6 +55,7 @@ class Goal:
     absolute: bool = False
     kind: str = ""
     stop: Stop = field(default_factory=Stop)
+    sides: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.norm, str) or self.norm not in GOAL_NORMS:

@@ -220,7 +220,8 @@ def test_levels_beside_clamped_sides_are_compared_by_norms_alone(clamped, report
         partition = SimpleNamespace(polygon=SimpleNamespace(area=1.0))
         mesh = SimpleNamespace(exact_mesh_factor=1.0)
         solved = SimpleNamespace(form=Form(clamped=clamped), mesh=mesh, **expected)
-        return SimpleNamespace(solved=solved, partition=partition, bound=SimpleNamespace(u=0.1, lambda_=0.1))
+        bound = SimpleNamespace(u=0.1, lambda_=0.1)
+        return SimpleNamespace(solved=solved, partition=partition, bound=bound, force=None)
 
     assert contradict(level(1.0, 0.0), level(1.0, 1.0)) == report
     assert contradict(level(1.0, 0.0), level(2.0, 0.0))
