@@ -40,6 +40,10 @@ class Contact:
     """The contact set of lambda_H (m,), as far as cells of the partition show it: not guaranteed.
 
     `prove_arcs` finds what is `certain`.
+
+    >>> import unilateral as ul
+    >>> ul.solve("clamped", h=1 / 16, H=1 / 8).contact.certain[1]
+    CertainArc(side=1, start=0.1875, end=0.75, verdict=<Verdict.FREE: 'does not touch'>)
     """
 
     partition: Partition
@@ -92,10 +96,6 @@ class Contact:
         """Arcs that cover the sides with contact conditions, with what is guaranteed of the exact solution.
 
         On an arc that "touches" u = g somewhere, on one that "does not touch" u > g everywhere.
-
-        >>> import unilateral as ul
-        >>> ul.solve("clamped", h=1 / 16, H=1 / 8).contact.certain[1]
-        CertainArc(side=1, start=0.1875, end=0.75, verdict=<Verdict.FREE: 'does not touch'>)
         """
         return self.prove_arcs()
 

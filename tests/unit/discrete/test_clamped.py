@@ -378,8 +378,11 @@ def test_reactions_without_the_flux_through_the_side_are_noticed(monkeypatch) ->
 
 
 def test_where_flow_through_a_side_cancels_its_rounding_counts(monkeypatch) -> None:
-    """As if 1e17 had flown in and out: units in its last place are 16. The width without it is < 1."""
-    problem = ul.Problem(POLYGONS["square"], 1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
+    """As if 1e17 had flown in and out: units in its last place are 16. The width without it is < 1.
+
+    g > 0, as below the least u that the data allow lambda is known to be 0.
+    """
+    problem = ul.Problem(POLYGONS["square"], 1, [None, 0.1, None, None], [0, 2], c=0, u={3: 0})
     known_outflows = local_bounds.outflows
     before = ul.solve(problem, h=1 / 16, H=1 / 8).forces().reactions[3,]
     assert before.upper - before.lower < 1
