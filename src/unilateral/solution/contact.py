@@ -42,8 +42,8 @@ class Contact:
     `prove_arcs` finds what is `certain`.
 
     >>> import unilateral as ul
-    >>> ul.solve("clamped", h=1 / 16, H=1 / 8).contact.certain[1]
-    CertainArc(side=1, start=0.1875, end=0.75, verdict=<Verdict.FREE: 'does not touch'>)
+    >>> ul.solve("clamped", h=1 / 16, H=1 / 8).contact.certain[2]
+    CertainArc(side=1, start=0.0625, end=0.9375, verdict=<Verdict.FREE: 'does not touch'>)
     """
 
     partition: Partition
