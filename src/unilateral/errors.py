@@ -17,7 +17,7 @@ class InputError(Exception):
     ...     ul.solve("natural", h=1 / 16)
     ... except ul.InputError as error:
     ...     print(error)
-    h and H are needed, and H is missing; for formulas ul.solve takes an accuracy in their place
+    h and H are needed, and H is missing; if all data are formulas, ul.solve takes an accuracy instead
     """
 
     exit_code = 2

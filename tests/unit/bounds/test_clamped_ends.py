@@ -215,13 +215,13 @@ def test_gamma_is_no_more_than_the_gap_between_the_nodes(u, gap_length):
     solved = ul.solve(ul.Problem(square(), 0, -1, u={0: 0}), h=1 / 8, H=1 / 4).solved
     data, partition, _, lambda_H, form = bound_arguments(solved)[:5]
     mesh = data.mesh
-    found = local_bounds.local_bound(data, partition, np.full(mesh.n_nodes, u), 0 * lambda_H, form)
-    start = u + found.lift[0]
+    bound = local_bounds.local_bound(data, partition, np.full(mesh.n_nodes, u), 0 * lambda_H, form)
+    start = u + bound.lift[0]
     x = np.linspace(0, 1, 101)
-    v = np.outer(start, 1 - x) + np.outer(np.roll(start, -1), x) + np.outer(found.lift[1], 4 * x * (1 - x))
+    v = np.outer(start, 1 - x) + np.outer(np.roll(start, -1), x) + np.outer(bound.lift[1], 4 * x * (1 - x))
     gap = v[mesh.side == 1] + 1
-    assert found.clamped_ends.gap_length[1] == gap_length
-    assert not gap_length or 0.3 < found.clamped_ends.gamma[1] <= gap.min() < 0.56
+    assert bound.clamped_ends.gap_length[1] == gap_length
+    assert not gap_length or 0.3 < bound.clamped_ends.gamma[1] <= gap.min() < 0.56
     assert gap.min() < gap[1:].min() == pytest.approx(1 + u)
 
 
