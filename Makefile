@@ -60,7 +60,7 @@ score: .venv/ready  ## the drivers of other solvers in examples/, scored (see be
 installations: .venv/ready  ## the core and each extra in empty environments, tried (some 10 minutes, needs the network)
 	python -m benchmarks.installations
 
-fuzz: .venv/ready  ## 2000 problems against the certificate, beyond those of `make test` (above an hour)
+fuzz: .venv/ready  ## many more random problems against the certificate than `make test` tries (above an hour)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_guarantees.py tests/unit/discrete/test_clamped.py
 
 mutants: .venv/ready  ## one line of a guarantee spoilt at a time: a test has to fail; `make mutants only=tanh` tries one

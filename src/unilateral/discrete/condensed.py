@@ -188,9 +188,10 @@ class CondensedProblem(DiscreteProblem):
         if delta > negligible_norm:
             # ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
             z = condensed.solve(residual.values)
-            rest = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
-            rest_norm = lumped_dual_norm_bound(np.abs(rest.values) + rest.rounding, condensed.nodal_weights)
-            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + rest_norm
+            correction_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            sizes = np.abs(correction_residual.values) + correction_residual.rounding
+            correction_norm = lumped_dual_norm_bound(sizes, condensed.nodal_weights)
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + correction_norm
         return delta
 
 

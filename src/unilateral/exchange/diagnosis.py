@@ -101,13 +101,13 @@ def _explain_by_bugs(
         if mu is None and repair.needs_multiplier:
             continue
         repaired_mu = mu and repair.repair_multiplier(mu)
-        others = list(_diagnose_boundary(case, repaired_mu, repair.residual, reference_errors))
-        if all(fault.is_explained for fault in (repair.fault, *others)):
-            explanations.append((repair.fault, others))
+        other_faults = list(_diagnose_boundary(case, repaired_mu, repair.residual, reference_errors))
+        if all(fault.is_explained for fault in (repair.fault, *other_faults)):
+            explanations.append((repair.fault, other_faults))
     if not explanations:
         return []
-    fewest = min(len(others) for _, others in explanations)
-    best = [(bug, others) for bug, others in explanations if len(others) == fewest]
+    fewest = min(len(other_faults) for _, other_faults in explanations)
+    best = [(bug, other_faults) for bug, other_faults in explanations if len(other_faults) == fewest]
     return [merge_alternatives([bug for bug, _ in best]), *best[0][1]]
 
 

@@ -66,8 +66,8 @@ def interpolation_constant(halvings: int) -> float:
         return 1.0
     # 2 j + 1 halvings of areas at most have M_j, and M_{i+j} <= M_i M_j: as many factors M_7 as there are
     times, j = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
-    rest = INTERPOLATION_CONSTANTS[j] if j or not times else 1.0
-    return float(INTERPOLATION_CONSTANTS[-1] ** times * rest)
+    last_factor = INTERPOLATION_CONSTANTS[j] if j or not times else 1.0
+    return float(INTERPOLATION_CONSTANTS[-1] ** times * last_factor)
 
 
 def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array | float = 0.0) -> float:

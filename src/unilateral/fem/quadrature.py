@@ -173,16 +173,16 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     """
     corners, parent, singular = split_triangles(mesh, case)
     split = np.concatenate([parent, *[group.pieces.parent for group in singular]])
-    whole = np.setdiff1d(np.arange(len(mesh.triangles)), split)
+    whole_triangles = np.setdiff1d(np.arange(len(mesh.triangles)), split)
     # on so fine a mesh the lower degree leaves less than 2e-11; a kink that has a radius is a cutoff's
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     is_fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
     whole_degree = degree or (FINE_MESH_DEGREE if is_fine else TRIANGLE_DEGREE)
     piece_degree = degree or TRIANGLE_DEGREE
     # whole triangles; then pieces at kinks; then pieces with a singular point as their first corner
-    for block in row_blocks(len(whole)):
-        unit_corners = np.broadcast_to(np.eye(3), (len(whole[block]), 3, 3))
-        yield _place_rule(mesh, unit_corners, whole[block], *symmetric_rule(whole_degree))
+    for block in row_blocks(len(whole_triangles)):
+        unit_corners = np.broadcast_to(np.eye(3), (len(whole_triangles[block]), 3, 3))
+        yield _place_rule(mesh, unit_corners, whole_triangles[block], *symmetric_rule(whole_degree))
     for block in row_blocks(len(parent)):
         yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
     for group in singular:

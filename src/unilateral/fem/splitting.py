@@ -122,13 +122,13 @@ def _extract_singular_pieces(
     groups: dict[int, list[tuple[Pieces, Array]]] = {}
     for point, grading in zip(points, gradings, strict=True):
         contains = pieces.contain(mesh, point)
-        parts = _split_at_point(mesh, pieces.select(contains), point)
-        groups.setdefault(grading, []).append((parts, np.tile(point, (len(parts.parent), 1))))
+        sub_pieces = _split_at_point(mesh, pieces.select(contains), point)
+        groups.setdefault(grading, []).append((sub_pieces, np.tile(point, (len(sub_pieces.parent), 1))))
         pieces = pieces.select(~contains)
     singular = []
     for grading, group in groups.items():
         apex = np.concatenate([point for _, point in group])
-        singular.append(SingularPieces(_join([parts for parts, _ in group]), apex, grading))
+        singular.append(SingularPieces(_join([sub_pieces for sub_pieces, _ in group]), apex, grading))
     return pieces, singular
 
 
@@ -136,13 +136,13 @@ def _split_at_point(mesh: Mesh, pieces: Pieces, point: Array) -> Pieces:
     """Up to three parts of each piece, which join the point to an edge; the point is their first corner."""
     weights = pieces.barycentric(mesh, point)
     apex = (weights[:, None] @ pieces.corners)[:, 0]
-    parts = []
+    sub_pieces = []
     for i in range(3):
         # the part at the edge from corner i to i + 1 has no area if the point lies on that edge
         proper = weights[:, (i + 2) % 3] > BARYCENTRIC_TOLERANCE
         corners = np.stack([apex, pieces.corners[:, i], pieces.corners[:, (i + 1) % 3]], axis=1)
-        parts.append(Pieces(corners, pieces.parent).select(proper))
-    return _join(parts)
+        sub_pieces.append(Pieces(corners, pieces.parent).select(proper))
+    return _join(sub_pieces)
 
 
 def _quarter_near(mesh: Mesh, case: ExactSolution, pieces: Pieces, points: list[Array]) -> Pieces:

@@ -288,7 +288,7 @@ def find_fractional_powers(e: Expression) -> list[Power]:
 
 def _list_powers(e: Expression) -> list[Power]:
     """All powers of which an expression is made, outer ones first."""
-    return [part for part in count_subexpressions((e,)) if not isinstance(part, Expression)]
+    return [item for item in count_subexpressions((e,)) if not isinstance(item, Expression)]
 
 
 def has_log(e: Expression) -> bool:

@@ -122,12 +122,12 @@ class Obstacle(Piecewise):
         differs = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + remainder
         return ~differs & ~(remainder <= MAX_VERTEX_REMAINDER * np.maximum(sizes, np.roll(sizes, 1)))
 
-    def sample_on_edges(self, s: Array, side: Index, chosen: Mask, parts: int) -> EdgePolynomials:
+    def sample_on_edges(self, s: Array, side: Index, chosen: Mask, n_intervals: int) -> EdgePolynomials:
         """The polynomials on the edges between arc lengths s (nb + 1,) of the perimeter, on the sides (nb,).
 
-        The `chosen` edges (nb,) are cut into so many equal `parts`, and where pieces end.
+        The `chosen` edges (nb,) are cut into `n_intervals` equal ones, and where pieces end.
         """
-        inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(parts) / parts
+        inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(n_intervals) / n_intervals
         samples = self.sample(np.append(inner.ravel(), s[-1]))
         edge = np.searchsorted(s, samples.middle) - 1
         selected = chosen[edge]

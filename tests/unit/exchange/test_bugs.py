@@ -262,6 +262,17 @@ def test_every_name_is_in_the_documents():
     assert [name for name in (*NAMED.values(), NO_SCALE) if name not in text] == []
 
 
+def diagnose_values(example, u, multiplier):
+    """The diagnosis of nodal values and a multiplier, or None, on the level of an exported case."""
+    return diagnose_solution(
+        example.case,
+        ForeignSolution("", example.level, u, multiplier, ""),
+        example.discrete,
+        example.own_errors,
+        example.u_h,
+    )
+
+
 def test_no_bug_is_named_by_chance(exported_cases):
     """Random residuals of any size are explained by none; noise below what counts is no fault.
 
@@ -271,25 +282,13 @@ def test_no_bug_is_named_by_chance(exported_cases):
     random = np.random.default_rng(3)
     for size in (1e-12, 1e-6, 1e-3, 1.0):
         u = example.u_h + size * random.standard_normal(len(example.u_h))
-        diagnosis = diagnose_solution(
-            example.case,
-            ForeignSolution("", example.level, u, None, ""),
-            example.discrete,
-            example.own_errors,
-            example.u_h,
-        )
+        diagnosis = diagnose_values(example, u, None)
         assert all(not fault.is_explained for fault in diagnosis.faults)
         assert bool(diagnosis.faults) == (size >= 1e-3)
         assert diagnosis.remarks == []
     right = piecewise_constant(example.level.partition, solve_condensed_problem(example.discrete).lambda_H)
     for u in (example.u_h + 0.3, example.u_h + 1, example.u_h - 0.5, 0 * example.u_h):
-        diagnosis = diagnose_solution(
-            example.case,
-            ForeignSolution("", example.level, u, right, ""),
-            example.discrete,
-            example.own_errors,
-            example.u_h,
-        )
+        diagnosis = diagnose_values(example, u, right)
         assert [fault.is_explained for fault in diagnosis.faults] == [False]
 
 
@@ -299,13 +298,7 @@ def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(exported
     The printed factor may be off by the discretisation error of u_h, which is of order h^2 inside.
     """
     example = exported_cases("natural")
-    diagnosis = diagnose_solution(
-        example.case,
-        ForeignSolution("", example.level, example.u_h + 1, None, ""),
-        example.discrete,
-        example.own_errors,
-        example.u_h,
-    )
+    diagnosis = diagnose_values(example, example.u_h + 1, None)
     (fault,) = diagnosis.faults
     assert fault.description == "the stiffness term (grad u, grad v) has the wrong scale"
     assert float(fault.detail.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
@@ -318,13 +311,7 @@ def test_two_bugs_at_once_are_both_named_if_they_explain_all(exported_cases, tmp
     level = example.level
     for multiplier, explained in ((-cells.multiplier, [True, True]), (cells.multiplier + 1, [False])):
         mu = piecewise_constant(level.partition, multiplier.to_numpy())
-        diagnosis = diagnose_solution(
-            example.case,
-            ForeignSolution("", level, u.u.to_numpy(), mu, ""),
-            example.discrete,
-            example.own_errors,
-            example.u_h,
-        )
+        diagnosis = diagnose_values(example, u.u.to_numpy(), mu)
         assert [fault.is_explained for fault in diagnosis.faults] == explained
 
 
