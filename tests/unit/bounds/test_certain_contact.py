@@ -10,10 +10,10 @@ import pytest
 from scipy.integrate import quad
 
 import unilateral as ul
-from unilateral.bounds.certain_contact import Verdict, _bound_tents, find_certain_contact
+from unilateral.bounds.certain_contact import ContactProof, Verdict, find_certain_contact
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import Source
-from unilateral.bounds.super_means import W_NORM, Arcs, ErrorBounds, SuperMeans
+from unilateral.bounds.super_means import W_NORM, Arc, ErrorBounds, SuperMeans
 from unilateral.fem.form import Form
 from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon
@@ -66,51 +66,49 @@ def means_with(errors, k=1.0, c=0.0):
     return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors)
 
 
-ONE_ARC = Arcs(SQUARE, np.array([0]), np.array([0.4375]), np.array([0.5]))
+ONE_ARC = Arc(SQUARE, 0, 0.4375, 0.5)
 
 
 def test_the_part_of_the_error_is_bounded_by_two_fields():
-    """int (m_rho - t_R)^2 / (pi r) dr over each sector of radius R, by quadrature, and 2 / (pi R^2) in L2."""
-    radius = np.array([0.1])
-    discs = SimpleNamespace(arcs=ONE_ARC, radius=radius)
-    R = ONE_ARC.distance_in_sectors()[0]
+    """int (m_rho - t_R)^2 / (pi r) dr over the half disc of radius R, by quadrature; and 2 / (pi R^2)."""
+    radius = 0.1
+    R = 0.43
+    q = (radius / R) ** 2
 
-    def square(q):
-        def integrand(t):
-            return (1 - (1 - min(t / q, 1)) ** 3 - t) ** 2 / t
+    def integrand(t):
+        return (1 - (1 - min(t / q, 1)) ** 3 - t) ** 2 / t
 
-        return quad(integrand, 0, 1, points=[q], limit=200)[0] / (2 * math.pi)
-
-    field = math.sqrt(np.mean([square((0.1 / R_i) ** 2) for R_i in R]))
-    bound = means_with(ErrorBounds(1.0, 0.0, 0.0), k=4)._error_loss(discs)[0]
+    field = math.sqrt(quad(integrand, 0, 1, points=[q], limit=200)[0] / (2 * math.pi))
+    bound = means_with(ErrorBounds(1.0, 0.0, 0.0), k=4)._error_loss(radius, R)
     assert field / 2 <= bound <= 1.1 * field / 2
-    # the norm over a sector of the angle pi / n is 2 / (pi R^2) (pi R^2 / (2 n))^(1/2)
-    kappa = math.sqrt(np.sum((2 / (math.pi * R**2)) ** 2 * math.pi * R**2 / (2 * len(R))))
-    assert means_with(ErrorBounds(0.0, 1.0, 0.0))._error_loss(discs)[0] == pytest.approx(kappa)
-    # for c > 0 the better one counts, and int W e comes to it: here ||e||_0 <= 1 / c^(1/2)
-    loss = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._error_loss(discs)[0]
-    assert loss == pytest.approx(math.hypot(2 * bound, kappa / 2) + 4 * W_NORM * 0.1 * 0.5)
+    # the norm of 2 / (pi R^2) over the half disc, whose area is pi R^2 / 2
+    kappa = 2 / (math.pi * R**2) * math.sqrt(math.pi * R**2 / 2)
+    assert means_with(ErrorBounds(0.0, 1.0, 0.0))._error_loss(radius, R) == pytest.approx(kappa)
+    # for c > 0 int W e comes to it
+    loss = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._error_loss(radius, R)
+    assert loss == pytest.approx(2 * bound + kappa / 2 + 4 * W_NORM * 0.1 * 0.5)
 
 
 def test_the_part_of_the_source():
     """f - c u = 3 - 1 on all triangles, so rho^2 / 16 times 2 / k is gained; the rest is lost by its norm."""
     means = means_with(ErrorBounds(0.0, 0.0, 0.0), k=2, c=1)
-    radius = np.array([0.1])
-    discs = means._find_triangles(ONE_ARC, radius)
-    area = discs.sum(means.data.mesh.areas[discs.triangle])[0]
-    loss = means._source_loss(discs)[0]
+    mesh = means.data.mesh
+    disc = means.make_half_disc(ONE_ARC, 0.1, means.select_near(ONE_ARC, np.arange(len(mesh.triangles))))
+    area = mesh.areas[disc.triangle].sum()
+    loss = means._source_loss(disc)
     assert loss == pytest.approx((W_NORM * 0.1 * 1.5 * math.sqrt(area) - 0.01 / 16 * 2) / 2, rel=1e-6)
     assert area > math.pi * 0.1**2 / 2
 
 
 @pytest.mark.parametrize(("k", "c"), [(1.0, 0.0), (4.0, 30.0)])
 def test_the_force_on_a_tent(k, c):
-    """lambda_H = s: int s w = rho times the midpoint, less E N(w); and 0 where the tent has no room."""
+    """lambda_H = s: int s w = rho times the midpoint, less E N(w)."""
     cells = make_uniform_partition(SQUARE, 1 / 64)
     middle = 0.5 * (cells.points[1:] + cells.points[:-1])
     norm = math.sqrt(k * math.pi / 2 + c * math.pi / 12 / 32**2)
     for E in (0.0, 0.1):
-        bound = _bound_tents(ONE_ARC, cells, middle, Form(k=k, c=c), E)[0]
+        means = means_with(ErrorBounds(0.0, 0.0, E), k=k, c=c)
+        bound = ContactProof(means, cells, middle).bound_tent(ONE_ARC)
         assert bound == pytest.approx(15 / 32 / 32 - E * norm, abs=1e-9)
         assert bound <= 15 / 32 / 32 - E * norm + 1e-15
 
@@ -122,29 +120,19 @@ def test_the_norm_of_a_tent():
 
 
 @pytest.mark.parametrize("polygon", [L_SHAPE, Polygon([(0, 0), (3, 0), (2.9, 0.4), (0.5, 0.6)], "thin")])
-def test_no_side_is_nearer_than_in_its_sector(polygon):
+def test_no_side_is_nearer_than_an_arc_is_clear(polygon):
     """Against 4000 points of the boundary, seen from points of the arcs; and it is nearly the distance."""
-    side = np.repeat(np.arange(polygon.n_sides), 3)
-    start = polygon.starts[side] + np.tile([0.3, 0.5, 0.62], polygon.n_sides) * polygon.lengths[side]
-    arcs = Arcs(polygon, side, start, start + 0.03 * polygon.lengths[side])
-    bound = arcs.distance_in_sectors()
     places = np.linspace(0, polygon.perimeter, 4001)[:-1]
     sides = polygon.sides_of(places)
     boundary = polygon.at(sides, places - polygon.starts[sides])
-    for i, number in enumerate(side):
-        beyond = boundary[sides != number]
-        tangent = polygon.tangents[number]
-        inward = -polygon.normals[number]
-        for s in np.linspace(arcs.start[i], arcs.end[i], 5) - polygon.starts[number]:
-            offset = beyond - polygon.at(np.array([number]), np.array([s]))
-            angle = np.arctan2(offset @ tangent, offset @ inward)
-            in_front = np.abs(angle) <= math.pi / 2
-            n = bound.shape[1]
-            sector = np.clip((angle[in_front] / math.pi + 0.5) * n, 0, n - 1).astype(int)
-            assert np.all(np.hypot(*offset[in_front].T) >= bound[i, sector])
-    middle = bound[:, bound.shape[1] // 2]
-    assert np.all(middle > 0)
-    assert np.all(bound.min(axis=1) > 0.5 * (arcs.distance().min(axis=1) - arcs.half_length))
+    for side, share in np.ndindex(polygon.n_sides, 3):
+        start = polygon.starts[side] + (0.3, 0.5, 0.62)[share] * polygon.lengths[side]
+        arc = Arc(polygon, side, start, start + 0.03 * polygon.lengths[side])
+        distances = [
+            np.hypot(*(boundary[sides != side] - polygon.at(np.array([side]), np.array([s]))).T).min()
+            for s in np.linspace(arc.start, arc.end, 5) - polygon.starts[side]
+        ]
+        assert max(distances) - arc.end + arc.start - 2e-3 < arc.clearance <= min(distances)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +142,7 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
     """Against 100 x 100 points of each half disc: of rough u_h, and of one with a kink, nearly met."""
     mesh = make_structured_mesh(SQUARE, 1 / n)
     rng = np.random.default_rng(50)
-    arcs = Arcs(SQUARE, np.array([0]), np.array([0.5 - half]), np.array([0.5 + half]))
+    arc = Arc(SQUARE, 0, 0.5 - half, 0.5 + half)
     r = (np.arange(100) + 0.5) / 100
     angle = r * math.pi
     weight = np.repeat(omega(r**2) * r * math.pi / 100 / 100, 100)
@@ -162,11 +150,12 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
     for _ in range(10 if roughness else 1):
         u_h = -np.abs(mesh.points[:, 0] - 0.5) + roughness * rng.standard_normal(mesh.n_nodes)
         means = SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), ErrorBounds(0.0, 0.0, 0.0))
-        mean, slope = means._find_triangles(arcs, np.array([radius])).means()
+        near = mesh.areas > 0 if n < 64 else np.hypot(*(mesh.enclosing_circles[0] - arc.centre).T) < 0.2
+        mean, slope = means.make_half_disc(arc, radius, np.flatnonzero(near)).bound_mean()
         excesses = []
         for s in np.linspace(-half, half, 3):
             values = evaluate_at_points(mesh, disc + np.array([0.5 + s, 0]), partial(evaluate_u_h, mesh, u_h))
-            excesses.append(weight @ values - slope[0] * s - mean[0])
+            excesses.append(weight @ values - slope * s - mean)
         assert min(excesses) > -2e-3
     assert roughness or max(excesses) < 0.07
 
@@ -175,7 +164,7 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
 def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
     """u = 1 + x + slope y, k = 3, c = 0: u - g = 0.5, and the mean of u is less by 32 rho / (35 pi) |slope|.
 
-    rho is the smaller radius, that of twice the half length of the arc.
+    rho is four half lengths of the arc.
     """
     problem = ul.Problem(
         [(0, 0), (1, 0), (1, 1), (0, 1)],
@@ -190,11 +179,12 @@ def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
     d = ul.solve(problem, h=1 / 16, H=1 / 8).bounded
     u_h = 1 + d.mesh.points @ [1.0, slope]
     means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0))
-    arcs = Arcs(problem.polygon, np.array([0, 0]), np.array([0.25, 0.5]), np.array([0.375, 0.625]))
     expected = 0.5 + slope * 32 * 0.125 / (35 * math.pi)
-    gap = means.bound_gap(arcs)
-    assert gap == pytest.approx(expected, abs=1e-6)
-    assert np.all(gap <= expected)
+    for start in (0.25, 0.5):
+        arc = Arc(problem.polygon, 0, start, start + 0.0625)
+        gap = means.bound_gap(arc, np.arange(len(d.mesh.triangles)))
+        assert gap == pytest.approx(expected, abs=1e-6)
+        assert gap <= expected
 
 
 def contact_of(solution):
