@@ -75,6 +75,26 @@ rule cells:
         "../scripts/cells.py"
 
 
+rule certain:
+    input:
+        cases_on_polygons(config["certain"]["scenes"]),
+    output:
+        contact="results/certain/contact.nc",
+    log:
+        "results/logs/certain.log",
+    benchmark:
+        "results/benchmarks/certain.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["certain"],
+        code=code("certain"),
+    message:
+        "certain: what is certain of contact, against exact contact sets"
+    script:
+        "../scripts/certain.py"
+
+
 rule certify:
     input:
         cases_on_polygons(config["certify"]["scenes"]),
