@@ -208,6 +208,7 @@ BENCHMARKS = ["installations.json", "whole.json", "results.nc", "scores.csv", "c
 TOLD = {
     "adaptive": ["errors", "infsup", "rates"],
     "cells": ["errors", "alternating"],
+    "certain": ["contact"],
     "certify": ["solutions"],
     "cost": ["algorithm", "case", "scene", "algebra", "precision"],
     "extremes": ["extremes", "reaction"],

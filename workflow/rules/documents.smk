@@ -18,6 +18,7 @@ rule document_numbers:
             "benchmarks/trust.json",
             "results/cells/errors.nc",
             "results/cells/alternating.nc",
+            "results/certain/contact.nc",
             "results/certify/solutions.nc",
             "results/cost/algorithm.nc",
             "results/cost/case.nc",

@@ -19,6 +19,7 @@ from study import tables
 from study.documents import verdicts
 from study.experiments.adaptive import numbers as adaptive
 from study.experiments.cells import numbers as cells
+from study.experiments.certain import numbers as certain
 from study.experiments.certify import numbers as certify
 from study.experiments.cost import numbers as cost
 from study.experiments.extremes import numbers as extremes
@@ -33,7 +34,9 @@ from study.table_origin import table_place
 from unilateral.norms.resolution import RULE
 from unilateral.system.files import replacing
 
-NUMBER_MODULES = (adaptive, benchmarks, cells, certify, cost, extremes, graded, scenes, sharpness, stability)
+NUMBER_MODULES = (
+    *(adaptive, benchmarks, cells, certain, certify, cost, extremes, graded, scenes, sharpness, stability),
+)
 LOADERS: dict[str, Callable[[str], Any]] = {
     ".nc": tables.load_table,
     ".csv": pd.read_csv,

@@ -8,6 +8,7 @@ import xarray as xr
 from conftest import exact_errors, load
 from numpy.testing import assert_allclose
 
+import unilateral as ul
 from study.experiments.adaptive import measure as adaptive
 from study.experiments.adaptive import numbers as adaptive_tables
 from unilateral.discrete.condensed import discretise
@@ -61,6 +62,15 @@ def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(tables
     assert np.all((errors["h1_bound"] >= errors["h1_error"]).where(expected, True))
     assert np.all((errors["algebraic_bound"] <= 0.01 * errors["h1_bound"]).where(expected, True))
     assert float(errors["asymptotic_from"]) == 32**2
+
+
+def test_the_interval_of_the_force_is_that_of_users_on_adapted_meshes(tables_of_thirds):
+    """On the first one, which is structured."""
+    half_width = tables_of_thirds[0]["force_half_width"]
+    force = ul.solve(load("thirds").problem, h=1 / 4, H=1 / 2).force(sharp=True)
+    first = half_width.sel(kind="adapted").isel(level=0)
+    assert float(first) == pytest.approx(0.5 * (force.upper - force.lower), rel=0.02)
+    assert half_width.sel(kind="uniform").isnull().all()
 
 
 def test_beta_is_measured_on_adapted_meshes_up_to_its_limit(tables_of_thirds):
@@ -118,7 +128,9 @@ def levels(unknowns, error, bound, start):
     shape = (1, 2, len(unknowns))
     values = {"unknowns": unknowns, "h1_error": error, "h1_bound": bound, "algebraic_bound": 0.01 * error}
     table = {name: (order, np.broadcast_to(value, shape).copy()) for name, value in values.items()}
-    table |= {name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge")}
+    table |= {
+        name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge", "force_half_width")
+    }
     table["asymptotic_from"] = ("case", [start])
     return xr.Dataset(table, {"case": ["c"], "kind": ["uniform", "adapted"], "level": range(len(unknowns))})
 
@@ -132,6 +144,7 @@ def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
     row = adaptive.rates_in_unknowns(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
     assert_allclose(row["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
     assert_allclose(row["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
+    assert_allclose(row["force_rate"], row["error_rate"])
     assert row["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
     assert_allclose(row["index"], 2 * N**-0.25 / error)
     assert_allclose(row["share"].dropna("level"), 0.01)
