@@ -184,9 +184,8 @@ def join_tables(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) ->
 def rates_in_unknowns(errors: xr.Dataset, factor: float) -> xr.Dataset:
     """Rates from each level to the first with at least `factor` times its unknowns; NaN where there is none.
 
-    `asymptotic` is 1 where the case declares errors on meshes of that size asymptotic; rates of errors and of
-    forces' intervals are given from there on. `index` is the bound over the error, and `share` the algebraic
-    bound over the error.
+    `asymptotic` is 1 where the case declares errors on meshes of that size asymptotic; rates of errors are
+    given from there on. `index` is the bound over the error, and `share` the algebraic bound over the error.
     """
     errors = errors.transpose("case", "kind", "level")
     N = errors["unknowns"].values
@@ -195,7 +194,7 @@ def rates_in_unknowns(errors: xr.Dataset, factor: float) -> xr.Dataset:
     # log(e_j / e_i) / log(N_j / N_i), j the first level with N_j >= factor N_i; NaN where there is none
     growth = np.where(later > 0, np.log(np.take_along_axis(N, later, axis=-1) / N), 1.0)
     observed = xr.Dataset(coords=errors.coords)
-    for name in ("h1_error", "h1_bound", "force_half_width"):
+    for name in ("h1_error", "h1_bound"):
         values = errors[name].values
         fall = np.log(np.take_along_axis(values, later, axis=-1) / values)
         observed[name] = (order, np.where(later > 0, -fall / growth, np.nan))
@@ -204,7 +203,6 @@ def rates_in_unknowns(errors: xr.Dataset, factor: float) -> xr.Dataset:
         {
             "error_rate": observed["h1_error"].where(asymptotic),
             "bound_rate": observed["h1_bound"],
-            "force_rate": observed["force_half_width"].where(asymptotic),
             "asymptotic": asymptotic.astype(float),
             "index": errors["h1_bound"] / errors["h1_error"],
             "share": errors["algebraic_bound"] / errors["h1_error"],

@@ -128,9 +128,7 @@ def levels(unknowns, error, bound, start):
     shape = (1, 2, len(unknowns))
     values = {"unknowns": unknowns, "h1_error": error, "h1_bound": bound, "algebraic_bound": 0.01 * error}
     table = {name: (order, np.broadcast_to(value, shape).copy()) for name, value in values.items()}
-    table |= {
-        name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge", "force_half_width")
-    }
+    table |= {name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge")}
     table["asymptotic_from"] = ("case", [start])
     return xr.Dataset(table, {"case": ["c"], "kind": ["uniform", "adapted"], "level": range(len(unknowns))})
 
@@ -144,7 +142,6 @@ def test_a_rate_leads_to_the_first_level_with_so_many_times_the_unknowns():
     row = adaptive.rates_in_unknowns(levels(N, error, 2 * N**-0.25, 20), 3).isel(case=0, kind=0)
     assert_allclose(row["error_rate"], [np.nan, 0.5, np.nan, np.nan, np.nan])
     assert_allclose(row["bound_rate"], [0.25, 0.25, np.nan, np.nan, np.nan])
-    assert_allclose(row["force_rate"], row["error_rate"])
     assert row["asymptotic"].values.tolist() == [0, 1, 1, 1, 0]
     assert_allclose(row["index"], 2 * N**-0.25 / error)
     assert_allclose(row["share"].dropna("level"), 0.01)
