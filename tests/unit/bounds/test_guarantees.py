@@ -53,7 +53,7 @@ WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
 ALL = [*WITHOUT_CORNERS, *CORNERS]
 BY_DUALITY = [*OF_FORMULAS, *FLUXES] if FUZZ else [BY_HAND[0], BY_HAND[1], *OF_FORMULAS[:3], *FLUXES[:2]]
 CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
-CERTAIN = number_problems("formula", (0, 4, 8, 22), 5) + number_problems("flux", (0, 2), 2)
+CERTAIN = number_problems("formula", (0, 4, 8, 20, 22, 26, 32), 5) + number_problems("flux", (0, 2, 7), 2)
 
 
 PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_problems.FAMILIES, 20_000)
