@@ -14,7 +14,6 @@ import numpy as np
 from unilateral import __version__
 from unilateral.arrays import Array
 from unilateral.formulas.decimals import add_guarantee, format_interval
-from unilateral.solution.bounds import uses_sharp_bounds
 from unilateral.solution.plot_data import PlotData, collect_plot_data, describe_force, select_numbered_sides
 
 if TYPE_CHECKING:
@@ -82,7 +81,7 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     """
     if not plot_data.accuracy_text:
         return ""
-    forces = solution.forces(uses_sharp_bounds(solution))
+    forces = solution.forces()
     contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
     listed_sides = contact_sides[:MAX_LISTED_FORCES]
     polygon = solution.polygon
