@@ -8,7 +8,7 @@ from hand_made import exact_forces
 
 import unilateral as ul
 from unilateral.adaptive.goal import Goal
-from unilateral.adaptive.level import contradict, half_width, is_limited_by_data, judge_for_goal
+from unilateral.adaptive.level import contradict, is_limited_by_data, judge_for_goal
 from unilateral.adaptive.loop import search
 
 SEAL = {
@@ -20,6 +20,10 @@ SEAL = {
     "c": 0,
 }
 """- int f = 12 is the sum of the force on side 0 and of the reaction on side 3."""
+
+
+def half_width(force):
+    return (force.upper - force.lower) / 2
 
 
 @pytest.mark.parametrize("sides", [None, [0]])
@@ -92,8 +96,8 @@ def test_forces_that_are_apart_contradict_each_other():
     width = 2 * half_width(level.force)
     for shift, apart in ((0.9, False), (1.1, True)):
         lower = level.force.lower + shift * width
-        other = replace(level, force=level.force._replace(lower=lower, upper=lower + width))
-        assert contradict(level, other) is apart
+        shifted = replace(level, force=level.force._replace(lower=lower, upper=lower + width))
+        assert contradict(level, shifted) is apart
 
 
 @pytest.mark.parametrize(
