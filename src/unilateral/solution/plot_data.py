@@ -79,12 +79,12 @@ class PlotData:
 
     @property
     def contact_text(self) -> str:
-        """Where the contact is, in words."""
+        """Where the computed contact is, in words."""
         if self.contact.full:
-            return "contact everywhere, in red"
+            return "computed contact in red, everywhere"
         if not self.contact.intervals:
             return "no contact"
-        return f"contact in red, length {self.contact.length:.4g}"
+        return f"computed contact in red, length {self.contact.length:.4g}"
 
     @property
     def no_gap_text(self) -> str:
