@@ -268,7 +268,7 @@ def solve(
         accuracy,
         norm,
         **{name: read_optional_number(name, limit) for name, limit in limits.items()},
-        sharp=sharp or norm == "hm12",
+        sharp=sharp or norm != "h1",
         absolute=absolute,
         kind=mesh if isinstance(mesh, str) else "",
         stop=stop or Stop(),

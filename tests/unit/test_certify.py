@@ -40,7 +40,9 @@ class OtherSolver:
         first = self.mesh.boundary
         last = np.roll(self.mesh.boundary, -1)
         contact = form.has_multiplier(self.mesh.side)
-        on_edges = problem.enclosed_obstacle.sample_on_edges(self.mesh.s, self.mesh.side, contact, n_intervals=1)
+        on_edges = problem.enclosed_obstacle.sample_on_edges(
+            self.mesh.s, self.mesh.side, contact, n_intervals=1
+        )
         at_ends = on_edges.ends[contact]
         self.g = np.full(self.mesh.n_nodes, -np.inf)
         np.maximum.at(self.g, first[contact], at_ends[:, 0])

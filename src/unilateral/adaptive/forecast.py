@@ -8,13 +8,7 @@ from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import DEFAULT_MAX_SECONDS, Goal
 from unilateral.adaptive.level import Level, judge_for_goal
-from unilateral.adaptive.marking import (
-    ADAPTED_RATES,
-    MAX_TRIANGLE_RATIO,
-    TARGET_SHARE,
-    evenness,
-    should_adapt,
-)
+from unilateral.adaptive.marking import LAMBDA_RATE, MAX_TRIANGLE_RATIO, TARGET_SHARE, evenness, should_adapt
 from unilateral.discrete.choice import SHARP_BOUND_BYTES, SPARSE_BYTES, wants_multigrid
 from unilateral.errors import BudgetError
 from unilateral.geometry.mesh import Mesh
@@ -216,12 +210,12 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
         target *= last.discrete_size / (1 + goal.accuracy)
     if target <= 0 or not math.isfinite(last.total):
         return math.inf
-    # the bound has to fall by the quotient: like n to minus a rate, on uniform meshes like H^rate, n ~ H^{-2}
+    # the bound has to fall by the quotient: like n^{-LAMBDA_RATE}, like n^{-1/2}, or like H^rate, n ~ H^{-2}
     quotient = min(last.total / target, MAX_ERROR_QUOTIENT)
     if should_adapt(last) and goal.norm != "h1":
-        return float(last.unknowns * quotient ** (1 / ADAPTED_RATES[goal.norm]))
+        return last.unknowns * quotient ** (1 / LAMBDA_RATE)
     if should_adapt(last):
-        return last.unknowns * quotient**2 * ADAPTED_TRIANGLE_RATIO * evenness(last.shares)
+        return last.unknowns * quotient**2 * ADAPTED_TRIANGLE_RATIO * evenness(last.solved.bound_shares)
     rate = observed_rate(levels)
     rate = 1.0 if math.isnan(rate) else max(rate, min_rate)
     return last.unknowns * (quotient / TARGET_SHARE) ** (2 / rate)

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import Goal
-from unilateral.arrays import Array
-from unilateral.bounds.dual_forces import ForceInterval
+from unilateral.bounds.forces import Force
 from unilateral.bounds.local_bounds import Bound
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING, underflow_allowance
 from unilateral.discrete.solution import DiscreteSolution
@@ -17,6 +16,10 @@ from unilateral.geometry.partition import Partition
 
 CONTRADICTED = "bounds contradict each other"
 WITHOUT_CONTACT = "lambda_H is 0, so a relative error has no meaning; ask for an absolute accuracy"
+FORCE_NOT_BOUNDED = (
+    "u may touch where a clamped side begins, so the force has no upper bound; ask for it and the reaction "
+    "together (sides=)"
+)
 ITERATION_NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 NOT_ENCLOSED = "f or g varies too fast or has terms that cancel"
 BELOW_ROUNDING = "double precision allows no error as small as that"
@@ -25,7 +28,7 @@ ALGEBRAIC_SHARE = 0.1
 ROUNDING_SHARE = 1e-10
 """What stays unknown of f, g and q is taken for rounding up to this part of the solution's norm."""
 MIN_CONTACT_UNKNOWNS = 4_000
-"""From this many unknowns on, contact that is not seen is taken for none."""
+"""From this many unknowns on, contact that is not seen is taken for none, and so is a gap at a vertex."""
 ZERO_SOLUTION_BOUND = 1e-140
 """Where u_h is 0, a bound up to this counts as no error, because no error is a fraction of 0."""
 
@@ -78,7 +81,7 @@ class Level:
     partition: Partition
     unknowns: int
     bound: Bound | None
-    force: ForceInterval | None
+    force: Force | None
     total: float
     algebraic: float
     size: float
@@ -98,9 +101,9 @@ class Level:
         return abs(self.force.value) if self.force else discrete_norm(self.solved, self.goal)
 
     @property
-    def shares(self) -> Array:
-        """The triangles' parts (triangles,) in what is to be small: the squared bound, or a force's."""
-        return self.force.shares if self.force else self.solved.bound_shares
+    def width_per_error(self) -> float:
+        """The half-width of the force's interval over the bound on lambda's error; 1 for a norm."""
+        return _width_per_error(self.force, self.bound)
 
     def __repr__(self) -> str:
         error = format_interval(-math.inf, self.total, spec=".3g")
@@ -110,11 +113,18 @@ class Level:
 def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float = math.inf) -> Level:
     """The level of a solution: its bound is computed here, and judged by the goal."""
     mesh = solved.mesh
-    force = solved.enclose_force(goal.sides) if goal.norm == "force" else None
-    total, size = bound_error(solved, goal, force)
-    # the interval of a force has all that the iteration leaves
-    algebraic = 0.0 if force else solved.algebraic_bound(goal.norm)
-    target = target_error(goal, size, abs(force.value) if force else discrete_norm(solved, goal))
+    bound = solved.bound(goal.sharp)
+    force = None
+    if goal.norm == "force":
+        force = solved.bound_forces([goal.sides], goal.sharp)[0]
+        total = half_width(force)
+        size = max(force.lower, -force.upper, 0.0)
+        target = target_error(goal, size, abs(force.value))
+    else:
+        total = solved.total_bound(goal.norm, goal.sharp)
+        size = solved.norm_lower_bound(goal.norm, goal.sharp)
+        target = target_error(goal, size, discrete_norm(solved, goal))
+    algebraic = solved.algebraic_bound(goal.norm) * _width_per_error(force, bound)
     # No bound is below what underflow adds to it, even where u_h = 0 is the solution
     zero_solution_error = max(
         ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form)
@@ -132,7 +142,7 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
         predicted_total=predicted_total,
         partition=solved.partition,
         unknowns=mesh.n_nodes,
-        bound=solved.bound(goal.sharp),
+        bound=bound,
         force=force,
         total=total,
         algebraic=algebraic,
@@ -143,14 +153,16 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
     )
 
 
-def bound_error(solved: DiscreteSolution, goal: Goal, force: ForceInterval | None) -> tuple[float, float]:
-    """The guaranteed bound on the error in the goal's norm, and a lower bound on the solution's norm.
+def half_width(force: Force) -> float:
+    """Half of the width of the force's interval."""
+    return 0.5 * (force.upper - force.lower)
 
-    For a force they are half of the width of its interval, and a lower bound on its size.
-    """
-    if force:
-        return 0.5 * (force.upper - force.lower), max(force.lower, -force.upper, 0.0)
-    return solved.total_bound(goal.norm, goal.sharp), solved.norm_lower_bound(goal.norm, goal.sharp)
+
+def _width_per_error(force: Force | None, bound: Bound | None) -> float:
+    """The half-width of the force's interval over the bound on lambda's error, 1 where one is not known."""
+    if force is None or bound is None or not 0 < half_width(force) < math.inf > bound.lambda_ > 0:
+        return 1.0
+    return half_width(force) / bound.lambda_
 
 
 def judge_for_goal(level: Level, goal: Goal) -> Level:
@@ -181,13 +193,10 @@ def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:
 
 
 def is_limited_by_data(level: Level) -> bool:
-    """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted.
-
-    It is part of an error in a norm; in the interval of a force it is multiplied by another error.
-    """
-    if level.force:
+    """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
+    if level.bound is None:
         return False
-    return level.bound is not None and level.bound.irreducible_remainder > level.target > 0
+    return level.bound.irreducible_remainder * level.width_per_error > level.target > 0
 
 
 def select_consistent(levels: Sequence[Level]) -> list[Level]:
@@ -236,9 +245,11 @@ def find_fault(levels: Sequence[Level]) -> str:
         return CONTRADICTED
     if last.certified:
         return ""
-    # an error relative to lambda is wanted, but lambda_H is 0 on a mesh that is not coarse
+    # an error relative to lambda or to a force is wanted, but lambda_H is 0 on a mesh that is not coarse
     if last.target == 0 and last.goal.norm != "h1" and last.unknowns >= MIN_CONTACT_UNKNOWNS:
         return WITHOUT_CONTACT
+    if last.force and last.total == math.inf and last.unknowns >= MIN_CONTACT_UNKNOWNS:
+        return FORCE_NOT_BOUNDED
     # where the algebraic error hardly counts, finer meshes do help
     if not last.solved.result.converged and last.algebraic > ALGEBRAIC_SHARE * last.total:
         return ITERATION_NOT_CONVERGED

@@ -302,10 +302,10 @@ def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division 
         return target_division
     # the triangles that the limits allow, where the bound is largest; uniform meshes can only be quartered
     triangle_ratio = min(allowed_unknowns(levels, LIMIT_SHARE).values()) / (NEIGHBOUR_RATIO * last.unknowns)
-    has_shares = 0 < last.shares.max() < math.inf
+    has_shares = 0 < last.solved.bound_shares.max() < math.inf
     if not (last.goal.can_adapt and has_shares) or triangle_ratio < MIN_TRIANGLE_RATIO:
         return None
-    return divide_by_shares(last.shares, 0.0, triangle_ratio)
+    return divide_by_shares(last.solved.bound_shares, 0.0, triangle_ratio)
 
 
 def discretise_level(
@@ -332,7 +332,7 @@ def solve_next_level(
     The algebraic bound is to be a tenth of the error that is wanted, or predicted if that is larger.
     """
     # The bound on lambda's algebraic error is that on u's over beta, so what it may be is times beta
-    scale = discrete.beta if goal.norm == "hm12" else 1.0
+    scale = 1.0 if goal.norm == "h1" else discrete.beta
     start = None
     tolerance = None
     total = math.inf
@@ -340,18 +340,17 @@ def solve_next_level(
         # first by the norm of the last solution, as this one's is not known
         last = levels[-1]
         start = last.partition.means(last.solved.lambda_H, discrete.partition.points)[discrete.cells]
-        # the interval of a force has u's error in it, which hardly falls by more than a half in a level
-        u_total = last.solved.total_bound("h1") / 2
-        total = u_total if goal.norm == "force" else max(last.target, predicted_total)
+        scale /= last.width_per_error
+        total = max(last.target, predicted_total)
         if math.isfinite(total):
             tolerance = RETRY_TOLERANCE_SHARE * ALGEBRAIC_SHARE * total * scale or None
     solved = discrete.iterate(tolerance, goal.stop, start, total)
-    if levels and goal.norm == "force":
-        return discrete.improve(solved, ALGEBRAIC_SHARE * total, goal.stop)
     if levels:
-        # then by the norm of this solution
-        size = solved.norm_lower_bound(goal.norm, goal.sharp)
-        target = target_error(goal, size, discrete_norm(solved, goal))
+        # then by the norm of this solution; of a force the last level knows enough
+        target = last.target
+        if not last.force:
+            size = solved.norm_lower_bound(goal.norm, goal.sharp)
+            target = target_error(goal, size, discrete_norm(solved, goal))
         max_bound = ALGEBRAIC_SHARE * max(target, predicted_total) * scale
         if max_bound > 0:
             solved = discrete.improve(solved, max_bound, goal.stop)

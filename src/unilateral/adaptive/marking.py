@@ -39,10 +39,10 @@ If the limits allow neither the wanted division nor MIN_TRIANGLE_RATIO, there is
 """
 TARGET_SHARE = 0.93
 """The next level aims at this fraction of the wanted error."""
-ADAPTED_RATES = {"h1": 0.5, "hm12": 0.75, "force": 0.7}
-"""On adapted meshes the bounds fall like the unknowns to minus this.
+LAMBDA_RATE = 0.75
+"""On adapted meshes lambda's bound falls like the unknowns to minus this, as H^{3/2}; 0.82 was observed.
 
-Lambda's falls like H^{3/2}, and 0.82 was observed; a force's like h^{4/3}, and 0.7 to 0.8 was observed.
+So do the intervals of forces, whose half-widths are this bound times a norm.
 """
 MIN_MISS_FACTOR = 0.9
 MAX_MISS_FACTOR = 1.5
@@ -145,7 +145,9 @@ def refinement_pays(level: Level) -> bool:
     mesh = level.solved.mesh
     if level.unknowns < min_unknowns(mesh.polygon, mesh.h):
         return True
-    return level.unknowns >= MIN_ADAPTED_UNKNOWNS and MIN_ADAPTED_GAIN * evenness(level.shares) < 1
+    return (
+        level.unknowns >= MIN_ADAPTED_UNKNOWNS and MIN_ADAPTED_GAIN * evenness(level.solved.bound_shares) < 1
+    )
 
 
 def choose_target_division(level: Level) -> Division:
@@ -154,7 +156,7 @@ def choose_target_division(level: Level) -> Division:
     If several steps are needed, they are of one size.
     """
     bound_ratio = target_bound_ratio(level)
-    shares = level.shares
+    shares = level.solved.bound_shares
     # One uniform refinement, if it is not known what is wanted or where the bound comes from
     if bound_ratio == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
         return divide_uniformly(len(shares))
@@ -182,5 +184,5 @@ def target_bound_ratio(level: Level) -> float:
     miss_factor = level.total / level.predicted_total
     miss_factor = min(max(miss_factor, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if miss_factor > 0 else 1.0
     bound_ratio = TARGET_SHARE * level.target / (level.total * miss_factor)
-    # Divisions are for a bound like n^{-1/2}; others have this power of it
-    return float(bound_ratio ** (ADAPTED_RATES["h1"] / ADAPTED_RATES[level.goal.norm]))
+    # Divisions are for a bound like n^{-1/2}. Lambda's, like n^{-LAMBDA_RATE}, has this power of it
+    return bound_ratio if level.goal.norm == "h1" else bound_ratio ** (0.5 / LAMBDA_RATE)

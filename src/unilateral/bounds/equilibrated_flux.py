@@ -138,13 +138,6 @@ def triangle_inflows(mesh: Mesh, q: Array, triangles: Index | slice) -> tuple[Ar
     return flow + tilt, flow - tilt
 
 
-def boundary_end_values(mesh: Mesh, q: Array) -> Array:
-    """The values (nb, 2) of q.n at the ends of the boundary edges, from the flows and tilts (2, E)."""
-    # the flux into the domain, to the left of an edge, times its length is flow + tilt, then flow - tilt
-    flow, tilt = q[:, mesh.triangulation.boundary_edges]
-    return -np.column_stack([flow + tilt, flow - tilt]) / np.diff(mesh.s)[:, None]
-
-
 def order_spokes(mesh: Mesh, corner_values: Callable[[slice], Array]) -> tuple[Int32, Array]:
     """For each spoke the next one anticlockwise, and the value at the corner between both, (2 E,) each.
 

@@ -244,9 +244,3 @@ def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
         jumps=np.sqrt(jump_squares),
         remainder=np.sqrt(remainder_squares) + jump_integrals / np.sqrt(mesh.areas),
     )
-
-
-def zero_source(mesh: Mesh) -> Source:
-    """The source 0 on a mesh."""
-    zeros = np.zeros(len(mesh.triangles))
-    return Source(mesh, np.zeros((len(zeros), 3)), zeros, zeros, zeros)

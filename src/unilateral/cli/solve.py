@@ -73,7 +73,7 @@ OUT_FOLDER_FILES = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.
 
 def run_solve(options: SimpleNamespace) -> int:
     """Solve and report; the exit code. The `options` are those of the command, as click reads them."""
-    sharp = options.sharp or options.norm == "hm12"
+    sharp = options.sharp or options.norm != "h1"
     files = check_target_files(options.output, options.out, options.certificate)
     keep_freed_memory()
     problem = _read_problem(options)

@@ -11,8 +11,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import build_normal_flux
-from unilateral.bounds.dual_forces import ForceInterval, enclose_force
+from unilateral.bounds.clamped_ends import ReactionData, no_clamped_ends
 from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.bounds.forces import Force, bound_forces
 from unilateral.bounds.local_bounds import Bound, equilibrate_source, local_bound
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -121,12 +122,29 @@ class DiscreteSolution:
         """Shares (m,) of the triangles in the square of the cheap bound on ||u - u_h||_1; 0 without data."""
         return self.local_bound.shares if self.local_bound else np.zeros(len(self.mesh.triangles))
 
-    def enclose_force(self, sides: Sequence[int]) -> ForceInterval | None:
-        """The force over sides, with reactions on clamped ones, by the cheap bound; None without data."""
-        if self.data is None or self.local_bound is None:
-            return None
-        return enclose_force(
-            self.data, self.partition, self.u_h, self.lambda_H, self.form, self.local_bound, sides
+    def bound_forces(
+        self, side_groups: Sequence[Sequence[int]], sharp: bool = False, idle_sides: Sequence[int] = ()
+    ) -> list[Force]:
+        """The forces, with reactions, over groups of sides between bounds by Proposition S16.
+
+        On `idle_sides` u does not touch, by the data. Without data no force has an upper bound.
+        """
+        n = self.mesh.polygon.n_sides
+        # where u does not touch lambda is 0, as on free sides
+        form = self.form._replace(free=self.form.free + tuple(idle_sides))
+        bound = self.bound(sharp)
+        if bound is None or self.local_bound is None or self.data is None:
+            outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
+            multiplier_bound = math.inf
+            reactions = ReactionData(form, outflows, no_clamped_ends(n), math.inf)
+        else:
+            # E of `bounds.forces`: |<lambda - lambda_H, w>| <= E N(w)
+            multiplier_bound = bound.lambda_
+            clamped_ends = self.local_bound.clamped_ends
+            total_force = self.data.total_force
+            reactions = ReactionData(form, bound.outflows, clamped_ends, bound.reaction_bound, total_force)
+        return bound_forces(
+            self.mesh, self.partition, self.lambda_H, multiplier_bound, side_groups, reactions
         )
 
     def total_bound(self, norm: str, sharp: bool = False) -> float:
@@ -137,12 +155,12 @@ class DiscreteSolution:
         return bound.u if norm == "h1" else bound.lambda_
 
     def algebraic_bound(self, norm: str) -> float:
-        """The bound on the iteration's part of the error of u ("h1") or lambda ("hm12"), infinite if unknown.
+        """The bound on the iteration's part of the error of u ("h1") or lambda, infinite if unknown.
 
         For lambda it is that of u over beta. It says when to stop. `total_bound` includes the error of the
         iteration, and does not rest on this bound.
         """
-        if norm == "hm12" and len(self.cells) == 0:
+        if norm != "h1" and len(self.cells) == 0:
             return 0.0
         beta = 1.0 if norm == "h1" else self.beta
         return self.result.bound / beta if beta > 0 else math.inf

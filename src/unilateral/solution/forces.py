@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
-from unilateral.bounds.clamped_ends import ReactionData, no_clamped_ends
-from unilateral.bounds.dual_forces import ForceInterval
-from unilateral.bounds.forces import Force, bound_forces
+from unilateral.bounds.forces import Force
 from unilateral.errors import InputError
 from unilateral.formulas.decimals import add_guarantee, format_interval, has_bound
 from unilateral.formulas.expression import ZERO
 from unilateral.problems import arguments
-from unilateral.solution.bounds import bound_errors
+from unilateral.solution.bounds import bound_errors, uses_sharp_bounds
 
 if TYPE_CHECKING:
     from unilateral.geometry.polygon import Polygon
@@ -78,7 +74,7 @@ def group_adjacent_sides(n_sides: int, clamped: Sequence[int]) -> list[list[int]
     return rows
 
 
-def compute_forces(solution: Solution, sharp: bool) -> Forces:
+def compute_forces(solution: Solution, sharp: bool | None) -> Forces:
     """The forces over all sides with contact and over each side, and the reactions."""
     clamped = solution.problem.clamped_sides
     n = solution.polygon.n_sides
@@ -94,7 +90,7 @@ def compute_forces(solution: Solution, sharp: bool) -> Forces:
     return Forces(contact_force, group_forces[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
-def compute_force(solution: Solution, sharp: bool, sides: Sequence[int | str] | None) -> Force:
+def compute_force(solution: Solution, sharp: bool | None, sides: Sequence[int | str] | None) -> Force:
     """The force over some sides with their reactions, by default over all sides with contact.
 
     Raises InputError for a part of clamped sides in a row.
@@ -120,45 +116,13 @@ def read_force_sides(sides: Sequence[int | str], polygon: Polygon, clamped: Sequ
     return side_numbers
 
 
-def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]]) -> list[Force]:
-    """The forces, with reactions, over groups of sides, between bounds by Proposition S16."""
+def _bound_forces(solution: Solution, sharp: bool | None, side_groups: list[list[int]]) -> list[Force]:
+    """The forces, with reactions, over groups of sides, between bounds by Proposition S16.
+
+    If nothing is said of `sharp`, the bounds are those by which an accuracy was asked for.
+    """
+    sharp = uses_sharp_bounds(solution) if sharp is None else sharp
     arguments.check_flags(sharp=sharp)
     bounds = bound_errors(solution, sharp)
-    solved = solution.solved
-    # on sides that do not touch, by the data, lambda is 0 as on free ones
-    form = solved.form._replace(free=solved.form.free + solution.problem.idle_sides())
-    n = solution.polygon.n_sides
-    # without bounds nothing is known of reactions
-    outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
-    clamps = ReactionData(form, outflows, no_clamped_ends(n), math.inf)
-    if form.clamped and bounds:
-        bounded = solution.bounded
-        bound = bounded.bound(sharp)
-        cheap = bounded.local_bound
-        data = bounded.data
-        assert bound is not None  # as there are bounds
-        assert cheap is not None
-        assert data is not None
-        clamps = ReactionData(
-            form, bound.outflows, cheap.clamped_ends, bound.reaction_bound, data.total_force
-        )
-    # E of `bounds.forces`: |<lambda - lambda_H, w>| <= E N(w)
-    error = bounds.multiplier if bounds else math.inf
-    forces = bound_forces(solved.mesh, solved.partition, solved.lambda_H, error, side_groups, clamps)
-    level = solution.search.best if solution.search else None
-    if level is None or level.force is None:
-        return forces
-    # the force that an accuracy was asked for lies in its own interval, too
-    interval = level.force
-    not_free = [[side for side in group if side not in form.free] for group in side_groups]
-    return [
-        _intersect(force, interval) if {*group} == {*level.goal.sides} else force
-        for group, force in zip(not_free, forces, strict=True)
-    ]
-
-
-def _intersect(force: Force, interval: ForceInterval) -> Force:
-    """The force between the nearer ones of the bounds, with the value of the `interval`."""
-    lower = max(force.lower, interval.lower)
-    upper = min(force.upper, interval.upper)
-    return Force(min(max(interval.value, lower), upper), lower, upper)
+    solved = solution.bounded if bounds else replace(solution.solved, data=None)
+    return solved.bound_forces(side_groups, sharp, solution.problem.idle_sides())

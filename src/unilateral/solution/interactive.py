@@ -14,7 +14,7 @@ import numpy as np
 from unilateral import __version__
 from unilateral.arrays import Array
 from unilateral.formulas.decimals import add_guarantee, format_interval
-from unilateral.solution.bounds import uses_sharp_bounds
+from unilateral.solution.contact import describe_certain_arcs
 from unilateral.solution.plot_data import PlotData, collect_plot_data, describe_force, select_numbered_sides
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     """
     if not plot_data.accuracy_text:
         return ""
-    forces = solution.forces(uses_sharp_bounds(solution))
+    forces = solution.forces()
     contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
     listed_sides = contact_sides[:MAX_LISTED_FORCES]
     polygon = solution.polygon
@@ -97,10 +97,15 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     ]
     lengths = plot_data.contact.lengths
     contact_texts = [f"{lengths[side]:.4g} of {polygon.lengths[side]:.4g}" for side in listed_sides]
-    # texts by the headings of the columns; below the sides with contact the last column is empty
+    certain = {
+        side: describe_certain_arcs([arc for arc in plot_data.contact.certain if arc.side == side])
+        for side in listed_sides
+    }
+    # texts by the headings of the columns; below the sides with contact the last columns are empty
     columns = {
         "": [escape(name) for name in rows],
         "force": intervals,
+        "contact, guaranteed": [*certain.values()],
         "length of contact, computed": contact_texts,
     }
     return _render_table(columns)

@@ -17,7 +17,7 @@ from unilateral.formulas.expression import ONE
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.fields import NODAL_VALUES_TEXT, linear_fields
-from unilateral.solution.bounds import has_consistent_bounds, relative_bound, uses_sharp_bounds
+from unilateral.solution.bounds import has_consistent_bounds, relative_bound
 from unilateral.solution.contact import Contact
 from unilateral.solution.node_clusters import cluster_nodes
 from unilateral.system.memory import available_mb
@@ -79,12 +79,12 @@ class PlotData:
 
     @property
     def contact_text(self) -> str:
-        """Where the contact is, in words."""
+        """Where the computed contact is, in words."""
         if self.contact.full:
-            return "contact everywhere, in red"
+            return "computed contact in red, everywhere"
         if not self.contact.intervals:
             return "no contact"
-        return f"contact in red, length {self.contact.length:.4g}"
+        return f"computed contact in red, length {self.contact.length:.4g}"
 
     @property
     def no_gap_text(self) -> str:
@@ -169,7 +169,7 @@ def describe_force(solution: Solution, plot_data: PlotData) -> str:
     """The force over the boundary in words, between guaranteed numbers where there is a bound."""
     if plot_data.accuracy_text in ("", NO_BOUND) or plot_data.no_contact.all():
         return ""
-    force = solution.force(uses_sharp_bounds(solution))
+    force = solution.force()
     text = format_interval(force.lower, force.upper, force.value, ".4g")
     return add_guarantee(f"force over the boundary, ∫λ: {text}", force.lower, force.upper)
 

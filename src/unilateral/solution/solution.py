@@ -296,19 +296,19 @@ class Solution:
         """
         return bound_errors(self, sharp=True)
 
-    def forces(self, sharp: bool = False) -> Forces:
+    def forces(self, sharp: bool | None = None) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
 
         On clamped sides they are the reactions, the integrals of k du/dn; those of sides in a row are given
         for all of them together. The whole has the sides with contact only. All rest on `bounds` or the
-        `sharp_bounds`; without them no upper bound is finite. One of the bounds is infinite, too, where a
-        clamped side meets one with contact and u is not known to be above g there; the sum of both has
-        bounds: see `force`. If c = 0, the `total` of all forces and reactions is known up to the enclosures
-        of f and q.
+        `sharp_bounds`, by default those of the accuracy; without them no upper bound is finite. One of the
+        bounds is infinite, too, where a clamped side meets one with contact and u is not known to be above g
+        there; the sum of both has bounds: see `force`. If c = 0, the `total` of all forces and reactions is
+        known up to the enclosures of f and q.
         """
         return compute_forces(self, sharp)
 
-    def force(self, sharp: bool = False, sides: Sequence[int] | None = None) -> Force:
+    def force(self, sharp: bool | None = None, sides: Sequence[int | str] | None = None) -> Force:
         """The force over all sides with contact, see `forces`, or over some sides, with their reactions.
 
         Raises InputError for a part of clamped sides in a row.

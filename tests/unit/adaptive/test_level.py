@@ -31,7 +31,7 @@ from unilateral.adaptive.level import (
     select_consistent,
 )
 from unilateral.adaptive.loop import make_search
-from unilateral.adaptive.marking import ADAPTED_RATES, TARGET_SHARE, target_bound_ratio
+from unilateral.adaptive.marking import LAMBDA_RATE, TARGET_SHARE, target_bound_ratio
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import Form
@@ -210,10 +210,10 @@ def test_the_next_bound_is_taken_to_miss_as_the_last_one_did(bound, missed):
 
 
 def test_the_bound_of_lambda_falls_like_the_unknowns_to_a_power():
-    """A part p of the bound takes p^(-1 / ADAPTED_RATES['hm12']) times the unknowns; for u they take p^-2."""
+    """A part p of the bound takes p^(-1 / LAMBDA_RATE) times the unknowns; for u they take p^-2."""
     last = level(Goal(0.02, "hm12", absolute=True), predicted=0.1)
     component = TARGET_SHARE * 0.02 / 0.1
-    assert target_bound_ratio(last) ** -2 == pytest.approx(component ** (-1 / ADAPTED_RATES["hm12"]))
+    assert target_bound_ratio(last) ** -2 == pytest.approx(component ** (-1 / LAMBDA_RATE))
     assert target_bound_ratio(level(u=math.inf)) == 0.0
 
 

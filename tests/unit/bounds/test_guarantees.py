@@ -22,7 +22,6 @@ from unilateral.adaptive.loop import search
 from unilateral.bounds import source
 from unilateral.bounds.certain_contact import Verdict, find_certain_contact
 from unilateral.bounds.clamped_ends import no_reactions
-from unilateral.bounds.dual_forces import enclose_force
 from unilateral.bounds.forces import bound_forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -51,7 +50,6 @@ MADE_TO_FOOL = [
 BY_HAND = [(*case, crude) for case in CASES for crude in CRUDE]
 WITHOUT_CORNERS = [*BY_HAND, *OF_FORMULAS, *FLUXES, *MADE_TO_FOOL]
 ALL = [*WITHOUT_CORNERS, *CORNERS]
-BY_DUALITY = [*OF_FORMULAS, *FLUXES] if FUZZ else [BY_HAND[0], BY_HAND[1], *OF_FORMULAS[:3], *FLUXES[:2]]
 CONTROLS = [("natural", "square", "noise"), ("formula", 4), ("peaks", 0)]
 CERTAIN = number_problems("formula", (0, 4, 8, 20, 22, 26, 32), 5) + number_problems("flux", (0, 2, 7), 2)
 
@@ -191,34 +189,6 @@ def forces_outside(known_case, share=1.0):
 def test_no_force_lies_outside(known_case):
     """Over the whole boundary and over each side."""
     assert not forces_outside(known_case)
-
-
-def forces_outside_by_duality(known_case, share=1.0):
-    """Exact forces outside the intervals of `enclose_force`; the `share` is of the bounds X and G."""
-    wrong = []
-    for trial, force_case in zip(known_case.trials, known_case.force_trials, strict=False):
-        bound = local_bound(*trial.bound_arguments)
-        ends = bound.clamped_ends
-        ends = ends._replace(gamma_force_bound=share * ends.gamma_force_bound)
-        bound = replace(bound, u=share * bound.u, clamped_ends=ends)
-        for sides, (minimum, maximum) in zip(force_case.side_groups, force_case.exact, strict=True):
-            force = enclose_force(*trial.bound_arguments, bound, sides)
-            if force.upper < minimum or force.lower > maximum:
-                wrong.append((sides, force[:3], minimum, maximum))
-    return wrong
-
-
-@parametrize_problems(BY_DUALITY)
-def test_no_force_lies_outside_its_interval_by_duality(known_case):
-    """Whatever u_h and lambda_H are; the trials and the exact forces are those of the same meshes."""
-    assert known_case.force_trials
-    assert not forces_outside_by_duality(known_case)
-
-
-@parametrize_problems([("natural", "square", None), ("formula", 4)])
-def test_a_force_outside_its_interval_by_duality_is_noticed(known_case):
-    """Control: without the errors' product, exact forces lie outside."""
-    assert forces_outside_by_duality(known_case, share=0.0)
 
 
 @parametrize_problems(CONTROLS)

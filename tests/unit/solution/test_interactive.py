@@ -15,6 +15,7 @@ from unilateral.formulas.decimals import format_interval
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import make_structured_mesh
 from unilateral.solution import interactive, plot_data
+from unilateral.solution.contact import describe_certain_arcs
 from unilateral.solution.node_clusters import cluster_nodes
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -273,13 +274,15 @@ def test_without_clamped_sides_no_line_is_called_so(page):
 
 
 def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
-    """Those of `forces`, each side by its number, and beside them the length of contact on each side."""
+    """Those of `forces`, each side by its number; beside them what is certain of contact, and its length."""
     sides = [0, None, None, None]
     for f in (-4, lambda x, y: 0 * x - 4):
         s = ul.solve(ul.Problem(SQUARE, f, sides, free_sides=[1, 2], u={3: 0.5}), h=1 / 8, H=1 / 4)
-        cells = "<tr><th>(.*?)</th><td>(.*?)</td><td>(.*?)</td></tr>"
-        names, intervals, lengths = zip(*re.findall(cells, interactive.render_solution_page(s)), strict=True)
+        cells = "<tr><th>(.*?)</th><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>"
+        rows = re.findall(cells, interactive.render_solution_page(s))
+        names, intervals, certain, lengths = zip(*rows, strict=True)
         assert names == ("force, side 0", "reaction, side 3")
+        assert certain == (describe_certain_arcs(s.contact.certain), "")
         assert lengths == (f"{s.contact.length:.4g} of 1", "")
         for text, force in zip(intervals, (s.forces().sides[0], s.forces().reactions[3,]), strict=True):
             lower = force.lower
