@@ -13,7 +13,7 @@ import unilateral as ul
 from unilateral.bounds.certain_contact import ContactProof, Verdict, find_certain_contact
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import Source
-from unilateral.bounds.super_means import W_NORM, Arc, ErrorBounds, SuperMeans
+from unilateral.bounds.super_means import RADIUS_RATIO, W_NORM, Arc, ErrorBounds, SuperMeans
 from unilateral.fem.form import Form
 from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon
@@ -87,6 +87,21 @@ def test_the_part_of_the_error_is_bounded_by_two_fields():
     # for c > 0 int W e comes to it
     loss = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._error_loss(radius, R)
     assert loss == pytest.approx(2 * bound + kappa / 2 + 4 * W_NORM * 0.1 * 0.5)
+
+
+def test_all_triangles_that_half_discs_of_an_arc_meet_are_near_it():
+    """Those with a node in a half disc about an end or the midpoint, and those near halves; not all."""
+    mesh = make_structured_mesh(SQUARE, 1 / 64)
+    means = SuperMeans(SimpleNamespace(mesh=mesh), np.ones(mesh.n_nodes), Form(), ErrorBounds(0.0, 0.0, 0.0))
+    every = np.arange(len(mesh.triangles))
+    near = means.select_near(ONE_ARC, every)
+    radius = RADIUS_RATIO * ONE_ARC.half_length
+    for s in (ONE_ARC.start, ONE_ARC.middle, ONE_ARC.end):
+        inside = np.hypot(*(mesh.points - [s, 0]).T) <= radius
+        assert set(np.flatnonzero(inside[mesh.triangles].any(axis=1))) <= set(near)
+    for half in ONE_ARC.halve():
+        assert set(means.select_near(half, every)) <= set(near)
+    assert len(near) < len(every) / 8
 
 
 def test_the_part_of_the_source():
