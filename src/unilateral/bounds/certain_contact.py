@@ -30,6 +30,8 @@ from unilateral.fem.form import Form
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.partition import Partition
 
+MAX_EDGES_PER_ARC = 32
+"""An arc that meets more edges is halved before u > g is tried: larger half discs prove hardly more."""
 LENGTH_ROUNDING = 1e-9
 """An arc is as long as an edge up to this."""
 
@@ -72,7 +74,6 @@ def find_certain_contact(
     polygon = partition.polygon
     errors = ErrorBounds(bound.u, _bound_values(data, form, bound), bound.lambda_)
     proof = ContactProof(SuperMeans(data, u_h, form, errors), partition, lambda_H)
-    all_triangles = np.arange(len(data.mesh.triangles))
     certain = []
     for side in np.flatnonzero(form.has_multiplier(np.arange(polygon.n_sides))).tolist():
         origin = float(polygon.starts[side])
@@ -80,7 +81,7 @@ def find_certain_contact(
         if side in idle_sides:
             parts = [(whole.start, whole.end, Verdict.FREE)]
         else:
-            parts = proof.decide(whole, all_triangles)
+            parts = proof.decide(whole, proof.means.select_along(whole, MAX_EDGES_PER_ARC))
         certain += [CertainArc(side, start - origin, end - origin, verdict) for start, end, verdict in parts]
     return certain
 
@@ -96,11 +97,17 @@ class ContactProof:
     def decide(self, arc: Arc, triangles: Index) -> list[ProvedArc]:
         """The parts of the arc, in their order, with what is proved of them; `triangles` has all near it."""
         mesh = self.means.data.mesh
-        triangles = self.means.select_near(arc, triangles)
-        touches = self.bound_tent(arc) > 0
-        if not touches and self.means.bound_gap(arc, triangles) > 0:
+        edges = arc.edges(mesh)
+        # where lambda_H is positive u_h is near g: there no gap can be proved, and else no contact
+        first, end = np.searchsorted(self.partition.points, [arc.start, arc.end], side="right")
+        in_contact = self.lambda_H[first - 1 : max(end - 1, first)] > 0
+        touches = in_contact.any() and self.bound_tent(arc) > 0
+        triangles = triangles[:0] if in_contact.all() else self.means.select_near(arc, triangles)
+        is_tried = not in_contact.any() and edges.stop - edges.start <= MAX_EDGES_PER_ARC
+        if is_tried and self.means.bound_gap(arc, triangles) > 0:
             return [(arc.start, arc.end, Verdict.FREE)]
-        if arc.end - arc.start <= (1 + LENGTH_ROUNDING) * np.diff(mesh.s)[arc.edges(mesh)].min():
+        is_short = arc.end - arc.start <= (1 + LENGTH_ROUNDING) * np.diff(mesh.s)[edges].min()
+        if is_short or (in_contact.all() and not touches):
             return [(arc.start, arc.end, Verdict.TOUCHES if touches else Verdict.UNDECIDED)]
         first_half, second_half = arc.halve()
         parts = _join_equal([*self.decide(first_half, triangles), *self.decide(second_half, triangles)])

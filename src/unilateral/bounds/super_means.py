@@ -178,6 +178,15 @@ class SuperMeans:
     form: Form
     errors: ErrorBounds
 
+    def select_along(self, side: Arc, max_edges: int) -> Index:
+        """Triangles that half discs of arcs with up to `max_edges` edges of a whole side can meet."""
+        mesh = self.data.mesh
+        s = mesh.s[side.edges(mesh).start : side.edges(mesh).stop + 1]
+        longest = max(s[max_edges:] - s[:-max_edges], default=s[-1] - s[0])
+        centroid, circle = mesh.enclosing_circles
+        height = -(centroid - side.centre) @ side.polygon.normals[side.side]
+        return np.flatnonzero(height <= (RADIUS_RATIO + 1) * longest / 2 + circle)
+
     def select_near(self, arc: Arc, triangles: Index) -> Index:
         """Triangles, of those given, that half discs of the arc or of its parts can meet."""
         centroid, circle = self.data.mesh.enclosing_circles

@@ -264,7 +264,6 @@ def spoil(solution, share, u_rise=0.0, lambda_rise=0.0):
 @pytest.mark.parametrize(
     ("name", "spoilt", "verdict"),
     [
-        ("natural", {"u_rise": 0.3}, Verdict.FREE),
         ("vertex", {"u_rise": 0.3}, Verdict.FREE),
         ("vertex", {"lambda_rise": 3.0}, Verdict.TOUCHES),
     ],

@@ -27,7 +27,7 @@ from unilateral.solution.solver import Solver
 EXPONENT_STEP = 1e-4
 """Exponents at ends of contact are read off u - g and lambda at this distance, over the side's length."""
 RISE_OVER_BOUND = 5.0
-"""For a control u_h is higher by so many times its bound."""
+"""For a control u_h is higher by so many times its bound, and lambda_H is 0."""
 ORDER_DIGITS = 2
 """Orders are rounded to so many digits."""
 
@@ -101,14 +101,13 @@ def count_contradictions(arcs: Sequence[CertainArc], contact: Sequence[ContactIn
 
 
 def decide_for_raised(solution: Solution) -> list[CertainArc]:
-    """The arcs of a u_h that is too high for the bounds, which are those of the true one."""
+    """The arcs of a u_h that is too high for its bounds, with a lambda_H without contact."""
     d = solution.bounded
     bound = d.local_bound
     assert d.data is not None
     assert bound is not None
-    return find_certain_contact(
-        d.data, d.partition, d.u_h + RISE_OVER_BOUND * bound.u, d.lambda_H, d.form, bound
-    )
+    u_h = d.u_h + RISE_OVER_BOUND * bound.u
+    return find_certain_contact(d.data, d.partition, u_h, np.zeros_like(d.lambda_H), d.form, bound)
 
 
 def list_beside_ends(case: ExactSolution, contact: Sequence[ContactInterval]) -> list[Beside]:
