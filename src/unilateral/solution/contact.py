@@ -43,7 +43,7 @@ class Contact:
 
     >>> import unilateral as ul
     >>> ul.solve("clamped", h=1 / 16, H=1 / 8).contact.certain[2]
-    CertainArc(side=1, start=0.0625, end=0.9375, verdict=<Verdict.FREE: 'does not touch'>)
+    CertainArc(side=1, start=0.125, end=0.875, verdict=<Verdict.FREE: 'does not touch'>)
     """
 
     partition: Partition

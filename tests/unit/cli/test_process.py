@@ -141,17 +141,13 @@ def test_what_comes_at_once_imports_next_to_nothing(imported, run):
 
 
 def test_a_small_problem_of_one_s_own_imports_what_it_needs(problem_file_of):
-    """Neither what derives cases nor what draws, meshes, refines, tabulates or solves large systems.
-
-    scipy.spatial finds the triangles in the half discs from which certain contact is proved.
-    """
+    """Neither what derives cases nor what draws, meshes, refines, tabulates or solves large systems."""
     formulas = {"f": "3 - 8*x*y - pi**2*sin(3*pi*x) + pos(x - 1/3, 0)", "g": "x*(1 - x)/3 - y*(1 - y)/5"}
     solve = ["solve", str(problem_file_of(**formulas)), *SIZES]
     imported_modules = slow_imports(f"import unilateral.cli; unilateral.cli.main({solve})")
     assert imported_modules - {"importlib.metadata"} == {
         "numpy",
         "scipy",
-        "scipy.spatial",
         "jsonschema",
         "yaml",
     }  # which numpy imports

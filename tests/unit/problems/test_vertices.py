@@ -247,7 +247,7 @@ def test_no_jump_that_is_left_over_has_a_bound(c):
         problem = Problem(
             "unchecked",
             UNIT,
-            ZERO,
+            parse_formula("-1", (), "drawn"),
             tuple(g),
             (1,),
             c=parse_formula(str(c), (), "drawn"),

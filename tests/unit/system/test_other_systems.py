@@ -78,7 +78,7 @@ WRITES = """\
 import pathlib, warnings
 from unilateral.cli import main
 
-file, solve = pathlib.Path("own.yaml"), ["solve", "own.yaml", "--h", "1/4", "--H", "1/2", "-o"]
+file, solve = pathlib.Path("own.yaml"), ["solve", "own.yaml", "--h", "100", "--H", "200", "-o"]
 assert main(["init", "own.yaml"]) == 0
 file.write_bytes(file.read_bytes() + "# \\u03bb \\u2202\\n".encode())
 assert main(["check", "own.yaml"]) == 0

@@ -32,7 +32,7 @@ ORDER_DIGITS = 2
 """Orders are rounded to so many digits."""
 
 
-class ContactInterval(NamedTuple):
+class ExactContact(NamedTuple):
     """A part of a side on which u = g, between two arc lengths from the start of the side."""
 
     side: int
@@ -84,14 +84,14 @@ def measure(case: ExactSolution, h: float) -> xr.Dataset:
     return xr.Dataset(values, coords={"beside": names})
 
 
-def find_contact(case: ExactSolution) -> list[ContactInterval]:
+def find_contact(case: ExactSolution) -> list[ExactContact]:
     """The exact contact set."""
     lengths = case.polygon.lengths
     contact = certify_case(case).contact
-    return [ContactInterval(side, start * lengths[side], end * lengths[side]) for side, start, end in contact]
+    return [ExactContact(side, start * lengths[side], end * lengths[side]) for side, start, end in contact]
 
 
-def count_contradictions(arcs: Sequence[CertainArc], contact: Sequence[ContactInterval]) -> int:
+def count_contradictions(arcs: Sequence[CertainArc], contact: Sequence[ExactContact]) -> int:
     """How many arcs are proved free and meet the contact set, or proved to touch and do not meet it."""
     wrong = 0
     for arc in arcs:
@@ -110,7 +110,7 @@ def decide_for_raised(solution: Solution) -> list[CertainArc]:
     return find_certain_contact(d.data, d.partition, u_h, np.zeros_like(d.lambda_H), d.form, bound)
 
 
-def list_beside_ends(case: ExactSolution, contact: Sequence[ContactInterval]) -> list[Beside]:
+def list_beside_ends(case: ExactSolution, contact: Sequence[ExactContact]) -> list[Beside]:
     """Both sides of each end of contact that lies inside a side of the polygon."""
     beside = []
     for interval in contact:

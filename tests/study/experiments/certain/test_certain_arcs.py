@@ -5,11 +5,11 @@ import pytest
 from conftest import load
 
 from study.experiments.certain import measure as certain
-from study.experiments.certain.measure import ContactInterval
+from study.experiments.certain.measure import ExactContact
 from unilateral.bounds.certain_contact import CertainArc, Verdict
 
 TOUCHES, FREE, UNDECIDED = Verdict
-CONTACT = [ContactInterval(0, 0.5, 0.75)]
+CONTACT = [ExactContact(0, 0.5, 0.75)]
 ARCS = [
     CertainArc(0, 0.0, 0.375, FREE),
     CertainArc(0, 0.375, 0.5625, UNDECIDED),
