@@ -25,12 +25,12 @@ from unilateral.bounds.clamped_ends import LOWERING_PER_REMAINDER
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.local_bounds import Bound
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
-from unilateral.bounds.super_means import Arc, ErrorBounds, SuperMeans
+from unilateral.bounds.super_means import Arc, ErrorBounds, SuperMeans, select_along
 from unilateral.fem.form import Form
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.partition import Partition
 
-MAX_EDGES_PER_ARC = 32
+MAX_EDGES_PER_ARC = 8
 """An arc that meets more edges is halved before u > g is tried: larger half discs prove hardly more."""
 LENGTH_ROUNDING = 1e-9
 """An arc is as long as an edge up to this."""
@@ -73,7 +73,6 @@ def find_certain_contact(
     """
     polygon = partition.polygon
     errors = ErrorBounds(bound.u, _bound_values(data, form, bound), bound.lambda_)
-    proof = ContactProof(SuperMeans(data, u_h, form, errors), partition, lambda_H)
     certain = []
     for side in np.flatnonzero(form.has_multiplier(np.arange(polygon.n_sides))).tolist():
         origin = float(polygon.starts[side])
@@ -81,7 +80,9 @@ def find_certain_contact(
         if side in idle_sides:
             parts = [(whole.start, whole.end, Verdict.FREE)]
         else:
-            parts = proof.decide(whole, proof.means.select_along(whole, MAX_EDGES_PER_ARC))
+            layer = select_along(data.mesh, whole, MAX_EDGES_PER_ARC)
+            proof = ContactProof(SuperMeans(data, u_h, form, errors, layer), partition, lambda_H)
+            parts = proof.decide(whole, np.arange(len(layer)))
         certain += [CertainArc(side, start - origin, end - origin, verdict) for start, end, verdict in parts]
     return certain
 

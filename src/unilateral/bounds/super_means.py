@@ -169,27 +169,37 @@ class HalfDisc:
         return float(weighted @ (curvature * spread) + rounding)
 
 
+def select_along(mesh: Mesh, side: Arc, max_edges: int) -> Index:
+    """Triangles (t,) that half discs of arcs with up to `max_edges` edges of a whole side can meet."""
+    s = mesh.s[side.edges(mesh).start : side.edges(mesh).stop + 1]
+    longest = max(s[max_edges:] - s[:-max_edges], default=s[-1] - s[0])
+    # no point of a triangle is nearer to the line of the side than a vertex
+    height = (side.centre - mesh.points) @ side.polygon.normals[side.side]
+    is_near = height <= (RADIUS_RATIO + 1) * longest / 2
+    return np.flatnonzero(is_near[mesh.triangles].any(axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class SuperMeans:
-    """Lower bounds on u - g on arcs, from means of u_h over half discs."""
+    """Lower bounds on u - g on arcs of a side, from means of u_h over half discs.
+
+    The `layer` (t,) has the triangles near the side; `triangles` of arcs are numbers in it.
+    """
 
     data: EnclosedData
     u_h: Array
     form: Form
     errors: ErrorBounds
+    layer: Index
 
-    def select_along(self, side: Arc, max_edges: int) -> Index:
-        """Triangles that half discs of arcs with up to `max_edges` edges of a whole side can meet."""
-        mesh = self.data.mesh
-        s = mesh.s[side.edges(mesh).start : side.edges(mesh).stop + 1]
-        longest = max(s[max_edges:] - s[:-max_edges], default=s[-1] - s[0])
-        centroid, circle = mesh.enclosing_circles
-        height = -(centroid - side.centre) @ side.polygon.normals[side.side]
-        return np.flatnonzero(height <= (RADIUS_RATIO + 1) * longest / 2 + circle)
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The mesh with the triangles of the layer only."""
+        return self.data.mesh.select_triangles(self.layer)
 
     def select_near(self, arc: Arc, triangles: Index) -> Index:
         """Triangles, of those given, that half discs of the arc or of its parts can meet."""
-        centroid, circle = self.data.mesh.enclosing_circles
+        centroid, circle = self.mesh.enclosing_circles
         reach = (RADIUS_RATIO + 1) * arc.half_length
         return triangles[np.hypot(*(centroid[triangles] - arc.centre).T) <= reach + circle[triangles]]
 
@@ -205,7 +215,7 @@ class SuperMeans:
 
     def make_half_disc(self, arc: Arc, radius: float, triangles: Index) -> HalfDisc:
         """The half disc of this radius about the midpoint, with these triangles."""
-        mesh = self.data.mesh
+        mesh = self.mesh
         nodes = mesh.triangles[triangles].T
         return HalfDisc(
             arc=arc,
@@ -219,16 +229,16 @@ class SuperMeans:
 
     @cached_property
     def gradient(self) -> Array:
-        """grad u_h on all triangles, (m, 2)."""
-        mesh = self.data.mesh
-        return np.einsum("mid,mi->md", gradients(mesh), self.u_h[mesh.triangles])
+        """grad u_h on the layer, (t, 2)."""
+        return np.einsum("mid,mi->md", gradients(self.mesh), self.u_h[self.mesh.triangles])
 
     def _source_loss(self, disc: HalfDisc) -> float:
         """A bound on -1/k int (f - c u_h) W."""
         source = self.data.source
-        linear_part = source.f_h[disc.triangle].T - self.form.c * disc.corners
-        rest = source.oscillation[disc.triangle] + source.jumps[disc.triangle]
-        rest_norm = np.linalg.norm(rest + source.remainder[disc.triangle])
+        triangles = self.layer[disc.triangle]
+        linear_part = source.f_h[triangles].T - self.form.c * disc.corners
+        rest = source.oscillation[triangles] + source.jumps[triangles]
+        rest_norm = np.linalg.norm(rest + source.remainder[triangles])
         rounding = SQUARES_ROUNDING * np.abs(linear_part).max()
         # W >= 0, int W = rho^2 / 16
         lost = disc.radius**2 / 16 * (rounding - linear_part.min())

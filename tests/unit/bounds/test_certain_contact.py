@@ -13,7 +13,7 @@ import unilateral as ul
 from unilateral.bounds.certain_contact import ContactProof, Verdict, find_certain_contact
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import Source
-from unilateral.bounds.super_means import RADIUS_RATIO, W_NORM, Arc, ErrorBounds, SuperMeans
+from unilateral.bounds.super_means import RADIUS_RATIO, W_NORM, Arc, ErrorBounds, SuperMeans, select_along
 from unilateral.fem.form import Form
 from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon
@@ -63,7 +63,13 @@ def means_with(errors, k=1.0, c=0.0):
     n = len(mesh.triangles)
     source = Source(mesh, np.full((n, 3), 3.0), np.zeros(n), np.zeros(n), 1.5 * np.sqrt(mesh.areas))
     data = SimpleNamespace(mesh=mesh, source=source)
-    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors)
+    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors, np.arange(n))
+
+
+def means_of(mesh, u_h):
+    """Means of u_h on a mesh, with all its triangles in the layer."""
+    errors = ErrorBounds(0.0, 0.0, 0.0)
+    return SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), errors, np.arange(len(mesh.triangles)))
 
 
 ONE_ARC = Arc(SQUARE, 0, 0.4375, 0.5)
@@ -92,7 +98,7 @@ def test_the_part_of_the_error_is_bounded_by_two_fields():
 def test_all_triangles_that_half_discs_of_an_arc_meet_are_near_it():
     """Those with a node in a half disc about an end or the midpoint, and those near halves; not all."""
     mesh = make_structured_mesh(SQUARE, 1 / 64)
-    means = SuperMeans(SimpleNamespace(mesh=mesh), np.ones(mesh.n_nodes), Form(), ErrorBounds(0.0, 0.0, 0.0))
+    means = means_of(mesh, np.ones(mesh.n_nodes))
     every = np.arange(len(mesh.triangles))
     near = means.select_near(ONE_ARC, every)
     radius = RADIUS_RATIO * ONE_ARC.half_length
@@ -102,6 +108,22 @@ def test_all_triangles_that_half_discs_of_an_arc_meet_are_near_it():
     for half in ONE_ARC.halve():
         assert set(means.select_near(half, every)) <= set(near)
     assert len(near) < len(every) / 8
+
+
+def test_the_layer_along_a_side_has_all_that_half_discs_of_short_arcs_meet():
+    """Of arcs with 8 edges; but not the whole mesh. Of a side with fewer edges the whole side counts."""
+    mesh = make_structured_mesh(SQUARE, 1 / 128)
+    side = Arc(SQUARE, 0, 0.0, 1.0)
+    layer = select_along(mesh, side, 8)
+    means = means_of(mesh, np.ones(mesh.n_nodes))
+    for start in (0.0, 0.3, 120 / 128):
+        arc = Arc(SQUARE, 0, start, start + 8 / 128)
+        distance = np.hypot(*(mesh.points - arc.centre).T)
+        inside = distance <= (RADIUS_RATIO + 1) * arc.half_length
+        met = np.flatnonzero(inside[mesh.triangles].any(axis=1))
+        assert set(met) <= set(layer) & set(means.select_near(arc, np.arange(len(mesh.triangles))))
+    assert len(layer) < len(mesh.triangles) / 3
+    assert len(select_along(mesh, side, 200)) == len(mesh.triangles)
 
 
 def test_the_part_of_the_source():
@@ -164,7 +186,7 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
     disc = radius * (r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).reshape(-1, 2)
     for _ in range(10 if roughness else 1):
         u_h = -np.abs(mesh.points[:, 0] - 0.5) + roughness * rng.standard_normal(mesh.n_nodes)
-        means = SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), ErrorBounds(0.0, 0.0, 0.0))
+        means = means_of(mesh, u_h)
         near = mesh.areas > 0 if n < 64 else np.hypot(*(mesh.enclosing_circles[0] - arc.centre).T) < 0.2
         mean, slope = means.make_half_disc(arc, radius, np.flatnonzero(near)).bound_mean()
         excesses = []
@@ -193,11 +215,12 @@ def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
     )
     d = ul.solve(problem, h=1 / 16, H=1 / 8).bounded
     u_h = 1 + d.mesh.points @ [1.0, slope]
-    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0))
+    layer = np.arange(len(d.mesh.triangles))
+    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0), layer)
     expected = 0.5 + slope * 32 * 0.125 / (35 * math.pi)
     for start in (0.25, 0.5):
         arc = Arc(problem.polygon, 0, start, start + 0.0625)
-        gap = means.bound_gap(arc, np.arange(len(d.mesh.triangles)))
+        gap = means.bound_gap(arc, layer)
         assert gap == pytest.approx(expected, abs=1e-6)
         assert gap <= expected
 
