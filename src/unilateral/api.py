@@ -204,14 +204,14 @@ def solve(
     An accuracy is that of u in H1, or with `norm` "hm12" of lambda in H^{-1/2}. It is relative to that norm
     of the solution; if it is `absolute`, it is the largest error itself. With `norm` "force" it is half of
     the width of the interval of the force over the `sides`, over that force: over all sides with contact by
-    default, and with the reactions on clamped ones. It is certified by the cheap bound
-    on u, or by the `sharp` one; lambda takes the sharp one. The solution's `certified` says whether it was
-    reached within `max_unknowns`, `max_seconds` (by default 600) and `max_memory` MB (by default what is
-    free). A limit that is given is used up if need be; without one the search ends as soon as the accuracy is
-    out of reach. Limits are looked at before each level; Ctrl-C keeps the levels that are finished. The
-    seconds count from `begin`, a time of `time.perf_counter()`, by default from the call. `tell` is called
-    with every level. A `dry_run` ends after the first levels, and the solution's `search.plan` says what the
-    accuracy takes.
+    default, and with the reactions on clamped ones. It is certified by the cheap bound on u, or by the
+    `sharp` one; lambda and forces take the sharp one. The solution's `certified` says whether it was reached
+    within `max_unknowns`, `max_seconds` (by default 600) and `max_memory` MB (by default what is free). A
+    limit that is given is used up if need be; without one the search ends as soon as the accuracy is out of
+    reach. Limits are looked at before each level; Ctrl-C keeps the levels that are finished. The seconds
+    count from `begin`, a time of `time.perf_counter()`, by default from the call. `tell` is called with every
+    level. A `dry_run` ends after the first levels, and the solution's `search.plan` says what the accuracy
+    takes.
 
     Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
     into the memory. Warns by a SolutionWarning where the iteration did not converge, where the

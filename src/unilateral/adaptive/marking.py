@@ -42,7 +42,7 @@ TARGET_SHARE = 0.93
 LAMBDA_RATE = 0.75
 """On adapted meshes lambda's bound falls like the unknowns to minus this, as H^{3/2}; 0.82 was observed.
 
-So do the intervals of forces, whose half-widths are this bound times a norm.
+So do the intervals of forces, whose half-widths are this bound times a norm; beside clamped sides less.
 """
 MIN_MISS_FACTOR = 0.9
 MAX_MISS_FACTOR = 1.5

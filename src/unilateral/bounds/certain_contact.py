@@ -6,8 +6,8 @@ arc, extended into its half disc,
     <lambda, w> >= <lambda_H, w> - |||lambda - lambda_H|||_* |||w|||,
 
 and where this is positive, u = g somewhere in the arc (supplement, Proposition S20). Sides are halved until
-u > g is proved, or an arc is no longer than an edge. As no half disc fits at a vertex, nothing is decided
-there.
+u > g is proved, no contact is proved where lambda_H is positive throughout, or an arc is no longer than an
+edge. As no half disc fits at a vertex, nothing is decided there.
 """
 
 from __future__ import annotations
@@ -98,11 +98,10 @@ class ContactProof:
     def decide(self, arc: Arc, triangles: Index) -> list[ProvedArc]:
         """The parts of the arc, in their order, with what is proved of them; `triangles` has all near it."""
         mesh = self.means.data.mesh
-        edges = arc.edges(mesh)
+        edges = arc.find_intervals(mesh.s)
         # where lambda_H is positive u_h is near g: there no gap can be proved, and else no contact
-        first, end = np.searchsorted(self.partition.points, [arc.start, arc.end], side="right")
-        in_contact = self.lambda_H[first - 1 : max(end - 1, first)] > 0
-        touches = in_contact.any() and self.bound_tent(arc) > 0
+        in_contact = self.lambda_H[arc.find_intervals(self.partition.points)] > 0
+        touches = bool(in_contact.any()) and self.bound_tent(arc) > 0
         triangles = triangles[:0] if in_contact.all() else self.means.select_near(arc, triangles)
         is_tried = not in_contact.any() and edges.stop - edges.start <= MAX_EDGES_PER_ARC
         if is_tried and self.means.bound_gap(arc, triangles) > 0:

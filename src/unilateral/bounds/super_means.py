@@ -87,10 +87,10 @@ class Arc:
         distances = segment_distances(self.centre[None], vertices, np.roll(vertices, -1, axis=0))[0]
         return float(DISTANCE_SHARE * np.delete(distances, self.side).min() - self.half_length)
 
-    def edges(self, mesh: Mesh) -> slice:
-        """The boundary edges that the arc meets."""
-        first = int(np.searchsorted(mesh.s, self.start, side="right")) - 1
-        return slice(first, int(np.searchsorted(mesh.s, self.end, side="left")))
+    def find_intervals(self, points: Array) -> slice:
+        """The intervals between arc lengths (k,), of edges or of cells, that the arc meets."""
+        first = int(np.searchsorted(points, self.start, side="right")) - 1
+        return slice(first, int(np.searchsorted(points, self.end, side="left")))
 
     def to_axes(self, vectors: Array) -> Array:
         """Components (2, ...) of vectors (..., 2) along the side and into the domain."""
@@ -171,7 +171,8 @@ class HalfDisc:
 
 def select_along(mesh: Mesh, side: Arc, max_edges: int) -> Index:
     """Triangles (t,) that half discs of arcs with up to `max_edges` edges of a whole side can meet."""
-    s = mesh.s[side.edges(mesh).start : side.edges(mesh).stop + 1]
+    edges = side.find_intervals(mesh.s)
+    s = mesh.s[edges.start : edges.stop + 1]
     longest = max(s[max_edges:] - s[:-max_edges], default=s[-1] - s[0])
     # no point of a triangle is nearer to the line of the side than a vertex
     height = (side.centre - mesh.points) @ side.polygon.normals[side.side]
@@ -260,7 +261,7 @@ class SuperMeans:
         """A number above g - slope (s - s_0) on the arc."""
         constraint = self.data.constraint
         s = self.data.mesh.s
-        edges = arc.edges(self.data.mesh)
+        edges = arc.find_intervals(s)
         met = (constraint.edge >= edges.start) & (constraint.edge < edges.stop)
         edge = constraint.edge[met][:, None]
         places = s[edge] + constraint.x[met] * np.diff(s)[edge]

@@ -75,6 +75,13 @@ def means_of(mesh, u_h):
 ONE_ARC = Arc(SQUARE, 0, 0.4375, 0.5)
 
 
+def test_an_arc_meets_the_intervals_in_which_a_part_of_it_lies():
+    """By hand: an end in the middle of an interval, at its end, and both ends in one."""
+    points = np.array([0.0, 0.25, 0.5, 1.0])
+    for start, end, first, last in ((0.1, 0.3, 0, 1), (0.0, 0.25, 0, 0), (0.25, 0.5, 1, 1), (0.3, 0.4, 1, 1)):
+        assert Arc(SQUARE, 0, start, end).find_intervals(points) == slice(first, last + 1)
+
+
 def test_the_part_of_the_error_is_bounded_by_two_fields():
     """int (m_rho - t_R)^2 / (pi r) dr over the half disc of radius R, by quadrature; and 2 / (pi R^2)."""
     radius = 0.1
