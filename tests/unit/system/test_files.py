@@ -5,12 +5,12 @@ import os
 import resource
 import shutil
 import signal
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 import pandas as pd
 import pytest
 import sentences
@@ -123,32 +123,56 @@ UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionW
 """A file that is open when its writer is ended is closed with a warning."""
 
 
-def random_ends(folder, context, rng):
-    """How often writing is ended by SIGTERM at a random moment, and how often that leaves something."""
+class Ending:
+    """Raises what the handler of SIGTERM raises, at one of the moments at which Python calls handlers.
+
+    These are the entry of a function and the return from one that is written in C; the profiler is called
+    there, too. The moments are counted from 0. For `moment=None` nothing is raised.
+    """
+
+    def __init__(self, moment=None):
+        self.moment = moment
+        self.n_moments = 0
+
+    def __call__(self, frame, event, argument):
+        if event in ("call", "c_return"):
+            self.n_moments += 1
+            if self.n_moments - 1 == self.moment:
+                raise SystemExit(signals.EXIT_TERMINATED)
+
+
+def write_and_end(folder, context, ending):
+    """Writes a file under the profiler, and returns whether that was ended."""
+    try:
+        sys.setprofile(ending)
+        with context(folder / "a.txt") as temporary:
+            temporary.write_text("new")
+        sys.setprofile(None)
+    except (SystemExit, OSError):  # which the standard library makes of it at some moments
+        return True
+    finally:
+        sys.setprofile(None)
+    return False
+
+
+def end_at_each_moment(folder, context):
+    """How many moments there are to end writing at, at how many of them it ends, and leaves something."""
+    counting = Ending()
+    write_and_end(folder, context, counting)
     ended = left_behind = 0
-    before = signal.signal(signal.SIGALRM, signals._terminate)
-    for _ in range(1000):
-        try:
-            signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-6, 6e-4))
-            with context(folder / "a.txt") as temporary:
-                temporary.write_text("new")
-            signal.setitimer(signal.ITIMER_REAL, 0)
-        except (SystemExit, OSError):  # which the standard library makes of it at some moments
-            ended += 1
+    for moment in range(counting.n_moments):
+        ended += write_and_end(folder, context, Ending(moment))
         remains = [file for file in folder.iterdir() if file.name != "a.txt"]
         left_behind += bool(remains)
         for file in remains:
             shutil.rmtree(file)
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
-    return ended, left_behind
+    return counting.n_moments, ended, left_behind
 
 
 @UNCLOSED
 def test_no_moment_to_be_ended_leaves_a_hidden_folder(tmp_path):
-    """By the handler of SIGTERM, called by a clock."""
-    ended, left_behind = random_ends(tmp_path, replacing, np.random.default_rng(1))
-    assert ended > 100
+    n_moments, ended, left_behind = end_at_each_moment(tmp_path, replacing)
+    assert ended == n_moments > 50
     assert left_behind == 0
 
 
@@ -161,8 +185,8 @@ def test_a_folder_whose_name_comes_too_late_is_left_at_some_moments(tmp_path):
         with TemporaryDirectory(dir=path.parent, prefix=".") as folder:
             yield Path(folder) / path.name
 
-    ended, left_behind = random_ends(tmp_path, plain, np.random.default_rng(1))
-    assert ended > 100
+    _, ended, left_behind = end_at_each_moment(tmp_path, plain)
+    assert ended > 50
     assert left_behind > 0
 
 
