@@ -3,6 +3,7 @@ import fcntl
 import os
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 from snakemake.utils import min_version, update_config
 
@@ -29,10 +30,14 @@ ALIVE = open("Snakefile", encoding="utf-8")
 with suppress(OSError):  # some shared file systems have no locks
     fcntl.flock(ALIVE, fcntl.LOCK_SH)
 
-# One thread a job: jobs run side by side, and sums keep their order. So two runs on processors of one kind give
-# the same bytes; other processors sum in another order, and differ in the last digits.
+# One thread a job: jobs run side by side, and sums keep their order.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[variable] = "1"
+# Code for AVX2 where a processor has it, and no wider one: other code sums in another order, and differs in the
+# last digits. So two runs give the same bytes on most processors.
+PROCESSORS = Path("/proc/cpuinfo")
+if PROCESSORS.exists() and "avx2" in PROCESSORS.read_text():
+    os.environ.update(OPENBLAS_CORETYPE="Haswell", NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512_ICL AVX512_SPR")
 
 
 include: "workflow/rules/common.smk"

@@ -42,10 +42,10 @@ class Price(NamedTuple):
     halving: float
 
 
-def relative_errors(table: xr.Dataset, norm: str) -> xr.DataArray:
-    """The errors over the norm of u or lambda."""
+def relative_errors(table: xr.Dataset, norm: str, quantity: str = "error") -> xr.DataArray:
+    """The errors, or those of the discrete solution, over the norm of u or lambda."""
     exact_norm = table["u_norm"] if norm == "h1" else error_in_norm(table, norm, quantity="norm")
-    return error_in_norm(table, norm) / exact_norm
+    return error_in_norm(table, norm, quantity=quantity) / exact_norm
 
 
 def error_excess(table: xr.Dataset, norm: str) -> xr.DataArray:

@@ -100,7 +100,9 @@ def _tabulate_steps(crossed: xr.Dataset, H_over_h: float, coarsest: float) -> pd
         last = steps.sel(stop=cost.COMPARED_LEVEL, method="nearest")
         fitted = algorithm not in UNFITTED_ALGORITHMS
         slope = round(cost.growth_exponent(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
-        line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
+        # Two digits where rounding decides the last one
+        counts = last.values if fitted else [float(f"{count:.2g}") for count in last.values]
+        line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": counts, "slope": slope}
         algorithm_rows.append(pd.DataFrame(line))
     return pd.concat(algorithm_rows)
 
