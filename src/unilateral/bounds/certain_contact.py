@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array
 from unilateral.bounds.clamped_ends import LOWERING_PER_REMAINDER
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.local_bounds import Bound
@@ -81,8 +81,8 @@ def find_certain_contact(
             parts = [(whole.start, whole.end, Verdict.FREE)]
         else:
             layer = select_along(data.mesh, whole, MAX_EDGES_PER_ARC)
-            proof = ContactProof(SuperMeans(data, u_h, form, errors, layer), partition, lambda_H)
-            parts = proof.decide(whole, np.arange(len(layer)))
+            means = SuperMeans(data, u_h, form, errors, whole, layer)
+            parts = ContactProof(means, partition, lambda_H).decide(whole)
         certain += [CertainArc(side, start - origin, end - origin, verdict) for start, end, verdict in parts]
     return certain
 
@@ -95,22 +95,22 @@ class ContactProof:
     partition: Partition
     lambda_H: Array
 
-    def decide(self, arc: Arc, triangles: Index) -> list[ProvedArc]:
-        """The parts of the arc, in their order, with what is proved of them; `triangles` has all near it."""
-        mesh = self.means.data.mesh
-        edges = arc.find_intervals(mesh.s)
+    def decide(self, arc: Arc) -> list[ProvedArc]:
+        """The parts of the arc, in their order, with what is proved of them."""
+        s = self.means.data.mesh.s
+        edges = arc.find_intervals(s)
         # where lambda_H is positive u_h is near g: there no gap can be proved, and else no contact
         in_contact = self.lambda_H[arc.find_intervals(self.partition.points)] > 0
         touches = bool(in_contact.any()) and self.bound_tent(arc) > 0
-        triangles = triangles[:0] if in_contact.all() else self.means.select_near(arc, triangles)
         is_tried = not in_contact.any() and edges.stop - edges.start <= MAX_EDGES_PER_ARC
-        if is_tried and self.means.bound_gap(arc, triangles) > 0:
+        if is_tried and self.means.bound_gap(arc) > 0:
             return [(arc.start, arc.end, Verdict.FREE)]
-        is_short = arc.end - arc.start <= (1 + LENGTH_ROUNDING) * np.diff(mesh.s)[edges].min()
+        shortest = np.diff(s[edges.start : edges.stop + 1]).min()
+        is_short = arc.end - arc.start <= (1 + LENGTH_ROUNDING) * shortest
         if is_short or (in_contact.all() and not touches):
             return [(arc.start, arc.end, Verdict.TOUCHES if touches else Verdict.UNDECIDED)]
         first_half, second_half = arc.halve()
-        parts = _join_equal([*self.decide(first_half, triangles), *self.decide(second_half, triangles)])
+        parts = _join_equal([*self.decide(first_half), *self.decide(second_half)])
         open_parts = [i for i, part in enumerate(parts) if part[2] is not Verdict.FREE]
         # there is contact in the arc, so in its only part that is not free
         if touches and len(open_parts) == 1:
@@ -123,11 +123,13 @@ class ContactProof:
         polygon = self.partition.polygon
         form = self.means.form
         radius = min(arc.half_length, arc.clearance + arc.half_length)
-        # the antiderivative of 1 - |x| is x - x |x| / 2
-        x = np.clip((self.partition.points - arc.middle) / radius, -1, 1)
+        # the antiderivative of 1 - |x| is x - x |x| / 2; the tent is 0 on cells that the arc does not meet
+        cells = arc.find_intervals(self.partition.points)
+        x = np.clip((self.partition.points[cells.start : cells.stop + 1] - arc.middle) / radius, -1, 1)
         weights = radius * np.diff(x - 0.5 * x * np.abs(x))
-        rounding = 8 * EPS * polygon.perimeter * (self.lambda_H @ (weights > 0))
-        pairing = (1 - polygon.stretch.max() - SQUARES_ROUNDING) * (weights @ self.lambda_H - rounding)
+        lambda_H = self.lambda_H[cells]
+        rounding = 8 * EPS * polygon.perimeter * (lambda_H @ (weights > 0))
+        pairing = (1 - polygon.stretch.max() - SQUARES_ROUNDING) * (weights @ lambda_H - rounding)
         # |w|_1^2 = pi / 2 and ||w||_0^2 = pi rho^2 / 12 in the half disc
         norm = math.sqrt(form.k * math.pi / 2 + form.c * math.pi / 12 * radius**2)
         return float(pairing - (1 + SQUARES_ROUNDING) * self.means.errors.multiplier * norm)

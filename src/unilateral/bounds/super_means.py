@@ -83,9 +83,10 @@ class Arc:
     @cached_property
     def clearance(self) -> float:
         """A number below the distances of all points of the arc from other sides; it may be negative."""
-        vertices = self.polygon.vertices
-        distances = segment_distances(self.centre[None], vertices, np.roll(vertices, -1, axis=0))[0]
-        return float(DISTANCE_SHARE * np.delete(distances, self.side).min() - self.half_length)
+        starts = self.polygon.vertices
+        distances = segment_distances(self.centre[None], starts, starts + self.polygon.edges)[0]
+        distances[self.side] = np.inf
+        return float(DISTANCE_SHARE * distances.min() - self.half_length)
 
     def find_intervals(self, points: Array) -> slice:
         """The intervals between arc lengths (k,), of edges or of cells, that the arc meets."""
@@ -177,20 +178,22 @@ def select_along(mesh: Mesh, side: Arc, max_edges: int) -> Index:
     # no point of a triangle is nearer to the line of the side than a vertex
     height = (side.centre - mesh.points) @ side.polygon.normals[side.side]
     is_near = height <= (RADIUS_RATIO + 1) * longest / 2
-    return np.flatnonzero(is_near[mesh.triangles].any(axis=1))
+    a, b, c = mesh.triangles.T
+    return np.flatnonzero(is_near[a] | is_near[b] | is_near[c])
 
 
 @dataclass(frozen=True, eq=False)
 class SuperMeans:
     """Lower bounds on u - g on arcs of a side, from means of u_h over half discs.
 
-    The `layer` (t,) has the triangles near the side; `triangles` of arcs are numbers in it.
+    The `layer` (t,) has the triangles near the `side`; `triangles` of arcs are numbers in it.
     """
 
     data: EnclosedData
     u_h: Array
     form: Form
     errors: ErrorBounds
+    side: Arc
     layer: Index
 
     @cached_property
@@ -198,18 +201,32 @@ class SuperMeans:
         """The mesh with the triangles of the layer only."""
         return self.data.mesh.select_triangles(self.layer)
 
-    def select_near(self, arc: Arc, triangles: Index) -> Index:
-        """Triangles, of those given, that half discs of the arc or of its parts can meet."""
+    @cached_property
+    def sequence(self) -> tuple[Index, Array]:
+        """The triangles in their order along the side, and how far from its midpoint they lie there, (t,)."""
+        places = self.side.to_axes(self.mesh.enclosing_circles[0] - self.side.centre)[0]
+        order = np.argsort(places)
+        return order, places[order]
+
+    def select_near(self, arc: Arc) -> Index:
+        """Triangles that half discs of the arc can meet."""
         centroid, circle = self.mesh.enclosing_circles
         reach = (RADIUS_RATIO + 1) * arc.half_length
-        return triangles[np.hypot(*(centroid[triangles] - arc.centre).T) <= reach + circle[triangles]]
+        # first those that are near along the side, with the largest circle of all for their own ones
+        order, places = self.sequence
+        from_midpoint = arc.middle - self.side.middle
+        widest = reach + circle.max()
+        first, last = np.searchsorted(places, [from_midpoint - widest, from_midpoint + widest])
+        candidates = order[first:last]
+        offsets = centroid[candidates] - arc.centre
+        return candidates[np.hypot(offsets[:, 0], offsets[:, 1]) <= reach + circle[candidates]]
 
-    def bound_gap(self, arc: Arc, triangles: Index) -> float:
-        """A number below u - g everywhere on the arc, -inf where no half disc fits; triangles near it."""
+    def bound_gap(self, arc: Arc) -> float:
+        """A number below u - g everywhere on the arc, -inf where no half disc fits."""
         radius = min(RADIUS_RATIO * arc.half_length, arc.clearance)
         if radius <= arc.half_length:
             return -math.inf
-        disc = self.make_half_disc(arc, radius, triangles)
+        disc = self.make_half_disc(arc, radius, self.select_near(arc))
         mean, slope = disc.bound_mean()
         lost = self._source_loss(disc) + self._error_loss(radius, arc.clearance)
         return mean - lost - self._highest_g(arc, slope)
@@ -262,9 +279,9 @@ class SuperMeans:
         constraint = self.data.constraint
         s = self.data.mesh.s
         edges = arc.find_intervals(s)
-        met = (constraint.edge >= edges.start) & (constraint.edge < edges.stop)
+        met = slice(*np.searchsorted(constraint.edge, [edges.start, edges.stop]))
         edge = constraint.edge[met][:, None]
-        places = s[edge] + constraint.x[met] * np.diff(s)[edge]
+        places = s[edge] + constraint.x[met] * (s[edge + 1] - s[edge])
         highest = bernstein_bounds(constraint.p[met] - slope * (places - arc.middle))[1]
         rounding = 8 * EPS * arc.polygon.perimeter * abs(slope)
         return float(np.max(highest + constraint.remainder[met])) + rounding

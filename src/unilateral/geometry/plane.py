@@ -18,7 +18,8 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
     directions = ends - starts
     offsets = points[:, None] - starts
     t = np.clip(np.sum(offsets * directions, axis=2) / np.sum(directions**2, axis=1), 0, 1)
-    return np.hypot(*np.moveaxis(offsets - t[..., None] * directions, 2, 0))
+    apart = offsets - t[..., None] * directions
+    return np.hypot(apart[..., 0], apart[..., 1])
 
 
 def signed_areas(points: Array, triangles: Index) -> Array:

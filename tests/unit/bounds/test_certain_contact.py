@@ -25,6 +25,7 @@ KNOWN_CASES = ["natural", "clamped", "vertex"]
 """Cases with known ends of contact: a square root inside a side, a clamped side, and one at a vertex."""
 KNOWN_LEVELS = (16, 32, 64)
 SQUARE = Polygon([(0, 0), (1, 0), (1, 1), (0, 1)], "square")
+BOTTOM = Arc(SQUARE, 0, 0.0, 1.0)
 L_SHAPE = Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], "l")
 
 
@@ -63,13 +64,14 @@ def means_with(errors, k=1.0, c=0.0):
     n = len(mesh.triangles)
     source = Source(mesh, np.full((n, 3), 3.0), np.zeros(n), np.zeros(n), 1.5 * np.sqrt(mesh.areas))
     data = SimpleNamespace(mesh=mesh, source=source)
-    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors, np.arange(n))
+    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors, BOTTOM, np.arange(n))
 
 
 def means_of(mesh, u_h):
     """Means of u_h on a mesh, with all its triangles in the layer."""
     errors = ErrorBounds(0.0, 0.0, 0.0)
-    return SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), errors, np.arange(len(mesh.triangles)))
+    layer = np.arange(len(mesh.triangles))
+    return SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), errors, BOTTOM, layer)
 
 
 ONE_ARC = Arc(SQUARE, 0, 0.4375, 0.5)
@@ -106,38 +108,36 @@ def test_all_triangles_that_half_discs_of_an_arc_meet_are_near_it():
     """Those with a node in a half disc about an end or the midpoint, and those near halves; not all."""
     mesh = make_structured_mesh(SQUARE, 1 / 64)
     means = means_of(mesh, np.ones(mesh.n_nodes))
-    every = np.arange(len(mesh.triangles))
-    near = means.select_near(ONE_ARC, every)
+    near = means.select_near(ONE_ARC)
     radius = RADIUS_RATIO * ONE_ARC.half_length
     for s in (ONE_ARC.start, ONE_ARC.middle, ONE_ARC.end):
         inside = np.hypot(*(mesh.points - [s, 0]).T) <= radius
         assert set(np.flatnonzero(inside[mesh.triangles].any(axis=1))) <= set(near)
     for half in ONE_ARC.halve():
-        assert set(means.select_near(half, every)) <= set(near)
-    assert len(near) < len(every) / 8
+        assert set(means.select_near(half)) <= set(near)
+    assert len(near) < len(mesh.triangles) / 8
 
 
 def test_the_layer_along_a_side_has_all_that_half_discs_of_short_arcs_meet():
     """Of arcs with 8 edges; but not the whole mesh. Of a side with fewer edges the whole side counts."""
     mesh = make_structured_mesh(SQUARE, 1 / 128)
-    side = Arc(SQUARE, 0, 0.0, 1.0)
-    layer = select_along(mesh, side, 8)
+    layer = select_along(mesh, BOTTOM, 8)
     means = means_of(mesh, np.ones(mesh.n_nodes))
     for start in (0.0, 0.3, 120 / 128):
         arc = Arc(SQUARE, 0, start, start + 8 / 128)
         distance = np.hypot(*(mesh.points - arc.centre).T)
         inside = distance <= (RADIUS_RATIO + 1) * arc.half_length
         met = np.flatnonzero(inside[mesh.triangles].any(axis=1))
-        assert set(met) <= set(layer) & set(means.select_near(arc, np.arange(len(mesh.triangles))))
+        assert set(met) <= set(layer) & set(means.select_near(arc))
     assert len(layer) < len(mesh.triangles) / 3
-    assert len(select_along(mesh, side, 200)) == len(mesh.triangles)
+    assert len(select_along(mesh, BOTTOM, 200)) == len(mesh.triangles)
 
 
 def test_the_part_of_the_source():
     """f - c u = 3 - 1 on all triangles, so rho^2 / 16 times 2 / k is gained; the rest is lost by its norm."""
     means = means_with(ErrorBounds(0.0, 0.0, 0.0), k=2, c=1)
     mesh = means.data.mesh
-    disc = means.make_half_disc(ONE_ARC, 0.1, means.select_near(ONE_ARC, np.arange(len(mesh.triangles))))
+    disc = means.make_half_disc(ONE_ARC, 0.1, means.select_near(ONE_ARC))
     area = mesh.areas[disc.triangle].sum()
     loss = means._source_loss(disc)
     assert loss == pytest.approx((W_NORM * 0.1 * 1.5 * math.sqrt(area) - 0.01 / 16 * 2) / 2, rel=1e-6)
@@ -223,11 +223,12 @@ def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
     d = ul.solve(problem, h=1 / 16, H=1 / 8).bounded
     u_h = 1 + d.mesh.points @ [1.0, slope]
     layer = np.arange(len(d.mesh.triangles))
-    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0), layer)
+    side = Arc(problem.polygon, 0, 0.0, 1.0)
+    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0), side, layer)
     expected = 0.5 + slope * 32 * 0.125 / (35 * math.pi)
     for start in (0.25, 0.5):
         arc = Arc(problem.polygon, 0, start, start + 0.0625)
-        gap = means.bound_gap(arc, layer)
+        gap = means.bound_gap(arc)
         assert gap == pytest.approx(expected, abs=1e-6)
         assert gap <= expected
 
