@@ -22,11 +22,17 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
     return np.hypot(apart[..., 0], apart[..., 1])
 
 
+def corner_coordinates(points: Array, triangles: Index) -> tuple[Array, Array]:
+    """x and y of the corners of triangles (k, 3), (3, k) each; `take` reads points several times faster."""
+    corners = points.take(triangles.T, axis=0)
+    return corners[..., 0], corners[..., 1]
+
+
 def signed_areas(points: Array, triangles: Index) -> Array:
     """Areas of the triangles, negative where the nodes run clockwise, (m,)."""
     areas = np.empty(len(triangles))
     for block in row_blocks(len(areas)):
-        x, y = points.T[:, triangles[block].T]
+        x, y = corner_coordinates(points, triangles[block])
         areas[block] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
     return areas
 
@@ -35,8 +41,9 @@ def longest_edges(points: Array, triangles: Index) -> Array:
     """The length of the longest edge of each triangle, (m,)."""
     longest = np.empty(len(triangles))
     for block in row_blocks(len(longest)):
-        x, y = points.T[:, triangles[block].T]
-        longest[block] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
+        x, y = corner_coordinates(points, triangles[block])
+        lengths = [np.hypot(x[i] - x[j], y[i] - y[j]) for i, j in ((1, 0), (2, 1), (0, 2))]
+        longest[block] = np.maximum(np.maximum(lengths[0], lengths[1]), lengths[2])
     return longest
 
 
