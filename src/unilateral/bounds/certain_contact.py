@@ -13,7 +13,7 @@ edge. As no half disc fits at a vertex, nothing is decided there.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -82,7 +82,7 @@ def find_certain_contact(
         else:
             layer = select_along(data.mesh, whole, MAX_EDGES_PER_ARC)
             means = SuperMeans(data, u_h, form, errors, whole, layer)
-            parts = ContactProof(means, partition, lambda_H).decide(whole)
+            (parts,) = ContactProof(means, partition, lambda_H).decide([whole])
         certain += [CertainArc(side, start - origin, end - origin, verdict) for start, end, verdict in parts]
     return certain
 
@@ -95,27 +95,46 @@ class ContactProof:
     partition: Partition
     lambda_H: Array
 
-    def decide(self, arc: Arc) -> list[ProvedArc]:
-        """The parts of the arc, in their order, with what is proved of them."""
+    def decide(self, arcs: Sequence[Arc]) -> list[list[ProvedArc]]:
+        """The parts of each of the arcs, in their order, with what is proved of them."""
         s = self.means.data.mesh.s
-        edges = arc.find_intervals(s)
+        edges = [arc.find_intervals(s) for arc in arcs]
         # where lambda_H is positive u_h is near g: there no gap can be proved, and else no contact
-        in_contact = self.lambda_H[arc.find_intervals(self.partition.points)] > 0
-        touches = bool(in_contact.any()) and self.bound_tent(arc) > 0
-        is_tried = not in_contact.any() and edges.stop - edges.start <= MAX_EDGES_PER_ARC
-        if is_tried and self.means.bound_gap(arc) > 0:
-            return [(arc.start, arc.end, Verdict.FREE)]
-        shortest = np.diff(s[edges.start : edges.stop + 1]).min()
-        is_short = arc.end - arc.start <= (1 + LENGTH_ROUNDING) * shortest
-        if is_short or (in_contact.all() and not touches):
-            return [(arc.start, arc.end, Verdict.TOUCHES if touches else Verdict.UNDECIDED)]
-        first_half, second_half = arc.halve()
-        parts = _join_equal([*self.decide(first_half), *self.decide(second_half)])
-        open_parts = [i for i, part in enumerate(parts) if part[2] is not Verdict.FREE]
-        # there is contact in the arc, so in its only part that is not free
-        if touches and len(open_parts) == 1:
-            start, end, _ = parts[open_parts[0]]
-            parts[open_parts[0]] = (start, end, Verdict.TOUCHES)
+        in_contact = [self.lambda_H[arc.find_intervals(self.partition.points)] > 0 for arc in arcs]
+        touches = [
+            bool(positive.any()) and self.bound_tent(arc) > 0
+            for arc, positive in zip(arcs, in_contact, strict=True)
+        ]
+        tried = [
+            i
+            for i, positive in enumerate(in_contact)
+            if not positive.any() and edges[i].stop - edges[i].start <= MAX_EDGES_PER_ARC
+        ]
+        gaps = np.full(len(arcs), -math.inf)
+        gaps[tried] = self.means.bound_gaps([arcs[i] for i in tried])
+
+        parts: list[list[ProvedArc]] = []
+        halved = []
+        for i, arc in enumerate(arcs):
+            shortest = np.diff(s[edges[i].start : edges[i].stop + 1]).min()
+            is_short = arc.end - arc.start <= (1 + LENGTH_ROUNDING) * shortest
+            verdict = Verdict.TOUCHES if touches[i] else Verdict.UNDECIDED
+            if gaps[i] > 0:
+                verdict = Verdict.FREE
+            elif not is_short and (touches[i] or not in_contact[i].all()):
+                halved.append(i)
+            parts.append([(arc.start, arc.end, verdict)])
+
+        # the halves of all arcs that are not decided, and what is proved of these
+        halves = [half for i in halved for half in arcs[i].halve()]
+        half_parts = self.decide(halves) if halves else []
+        for i, first, second in zip(halved, half_parts[::2], half_parts[1::2], strict=True):
+            parts[i] = _join_equal([*first, *second])
+            open_parts = [k for k, part in enumerate(parts[i]) if part[2] is not Verdict.FREE]
+            # there is contact in the arc, so in its only part that is not free
+            if touches[i] and len(open_parts) == 1:
+                start, end, _ = parts[i][open_parts[0]]
+                parts[i][open_parts[0]] = (start, end, Verdict.TOUCHES)
         return parts
 
     def bound_tent(self, arc: Arc) -> float:

@@ -18,13 +18,14 @@ Where the right side is above g, u does not touch g (supplement, Proposition S20
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, row_blocks
 from unilateral.bounds.constraint import bernstein_bounds
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
@@ -37,6 +38,8 @@ from unilateral.geometry.polygon import Polygon
 
 RADIUS_RATIO = 4.0
 """Half discs have a radius of so many half lengths of their arc, or less if that does not fit."""
+ARCS_PER_BLOCK = 16
+"""Half discs of so many arcs are treated together: their numbers fit into a processor's cache."""
 DISTANCE_SHARE = 1 - 1e-6
 """Of distances to other sides this part is used, for they are rounded."""
 W_NORM = 0.1230
@@ -95,79 +98,98 @@ class Arc:
 
     def to_axes(self, vectors: Array) -> Array:
         """Components (2, ...) of vectors (..., 2) along the side and into the domain."""
-        axes = np.stack([self.polygon.tangents[self.side], -self.polygon.normals[self.side]])
-        return np.einsum("fd,...d->f...", axes, vectors)
+        x = vectors[..., 0]
+        y = vectors[..., 1]
+        axes = self.polygon.tangents[self.side], -self.polygon.normals[self.side]
+        return np.stack([axis[0] * x + axis[1] * y for axis in axes])
 
 
 @dataclass(frozen=True, eq=False)
-class HalfDisc:
-    """The half disc of this radius about the midpoint of an arc, and the triangles near it.
+class HalfDiscs:
+    """Half discs about the midpoints of d arcs, and the triangles near each, one half disc after another.
 
-    `place` (2, 3, t) are the nodes of the triangles, along the side and into the domain from the midpoint.
-    All triangles are there that meet the half disc about any point of the arc. `slopes` (2, t) is grad u_h,
-    and `corners` (3, t) is u_h at the nodes.
+    `half_length` (d,) are those of the arcs, `radius` (d,) those of the half discs. `triangle` (t,) are
+    numbers in the mesh, near the half disc `disc` (t,). `place` (2, 3, t) are their nodes, along the side and
+    into the domain from the midpoint. All triangles are there that meet the half disc about any point of the
+    arc. `slopes` (2, t) is grad u_h, and `corners` (3, t) is u_h at the nodes.
     """
 
-    arc: Arc
-    radius: float
+    half_length: Array
+    radius: Array
     mesh: Mesh
     triangle: Index
+    disc: Index
     place: Array
     corners: Array
     slopes: Array
 
-    def bound_mean(self) -> tuple[float, float]:
-        """A number below int omega u_h - slope (s - s_0) for all points s of the arc, and the slope.
+    def add_up(self, values: Array) -> Array:
+        """Sums (..., d) over the triangles of each half disc of `values` (..., t)."""
+        return np.asarray(np.add.reduceat(values, self.first_triangle, axis=-1))
+
+    def find_largest(self, values: Array) -> Array:
+        """The largest of the `values` (t,) of each half disc's triangles, (d,)."""
+        return np.asarray(np.maximum.reduceat(values, self.first_triangle))
+
+    @cached_property
+    def first_triangle(self) -> Index:
+        """The place in `triangle` of the first one of each half disc, (d,)."""
+        return np.searchsorted(self.disc, np.arange(len(self.radius)))
+
+    def bound_means(self) -> tuple[Array, Array]:
+        """Numbers below int omega u_h - slope (s - s_0) for all points s of each arc, and the slopes, (d,).
 
         omega is that about s, and s_0 is the midpoint.
         """
         area = self.mesh.areas[self.triangle]
         # l = level + slope . place is near u_h, and int omega l = level + slope_2 32 rho / (35 pi)
-        slope = self.slopes @ area / area.sum()
-        v = self.corners - np.einsum("f,fit->it", slope, self.place)
-        level = float(v.mean(axis=0) @ area / area.sum())
-        v -= level
+        whole_area = self.add_up(area)
+        slope = self.add_up(self.slopes * area) / whole_area
+        slope_x, slope_y = slope[:, self.disc]
+        v = self.corners - (slope_x * self.place[0] + slope_y * self.place[1])
+        level = self.add_up(v.mean(axis=0) * area) / whole_area
+        v -= level[self.disc]
         moment = slope[1] * 32 * self.radius / (35 * math.pi)
-        mean = level + moment + float(area @ _product_means(self.omega, v))
+        mean = level + moment + self.add_up(area * _product_means(self.omega, v))
         # for a point s at most half the length away the integral changes with the slope along the side
-        change = self.arc.half_length * np.abs(self.slopes[0] - slope[0]).max()
-        lost = float(change) + self._interpolation_loss(np.abs(v).max(axis=0), abs(level))
-        return mean - self.mesh.exact_mesh_factor * lost, float(slope[0])
+        change = self.half_length * self.find_largest(np.abs(self.slopes[0] - slope_x))
+        lost = change + self._interpolation_losses(np.abs(v).max(axis=0), np.abs(level))
+        return mean - self.mesh.exact_mesh_factor * lost, slope[0]
 
-    @property
-    def peak(self) -> float:
-        """The largest value of omega."""
-        return 6 / (math.pi * self.radius**2)
+    @cached_property
+    def peak(self) -> Array:
+        """The largest values of omega, (d,)."""
+        return np.asarray(6 / (math.pi * self.radius**2))
 
     @cached_property
     def omega(self) -> Array:
         """omega at the nodes, whose linear interpolant is first in its place, (3, t)."""
-        t = np.sum(self.place**2, axis=0) / self.radius**2
-        return np.asarray(self.peak * np.maximum(1 - t, 0) ** 2)
+        t = (self.place[0] ** 2 + self.place[1] ** 2) / (self.radius**2)[self.disc]
+        return np.asarray(self.peak[self.disc] * np.maximum(1 - t, 0) ** 2)
 
-    def _interpolation_loss(self, size: Array, level: float) -> float:
-        """A bound on what the mean lacks by interpolation and rounding, with |v| <= `size` (t,)."""
+    def _interpolation_losses(self, size: Array, level: Array) -> Array:
+        """Bounds (d,) on what means lack by interpolation and rounding, |v| <= `size` (t,), `level` (d,)."""
         mesh = self.mesh
+        radius = self.radius[self.disc]
         centroid = self.place.mean(axis=1)
-        distance = np.hypot(*centroid)
+        distance = np.hypot(centroid[0], centroid[1])
         circle = mesh.enclosing_circles[1][self.triangle]
         # |D^2 omega| <= 4 max(1, 3 t - 1) peak / rho^2, and the mean of the error on a triangle is at most
         # that times an eighth of the squared distances of the nodes from the centroid (Proposition S20)
-        t = np.minimum((distance + circle) / self.radius, 1.0) ** 2
-        curvature = 4 * np.maximum(1, 3 * t - 1) * self.peak / self.radius**2
+        t = np.minimum((distance + circle) / radius, 1.0) ** 2
+        curvature = 4 * np.maximum(1, 3 * t - 1) * (self.peak / self.radius**2)[self.disc]
         spread = np.sum((self.place - centroid[:, None]) ** 2, axis=(0, 1)) / 8
         area = mesh.areas[self.triangle]
-        weighted = np.where(distance <= circle + self.radius, area * size, 0.0)
+        weighted = np.where(distance <= circle + radius, area * size, 0.0)
         # areas, gradients and nodes of the exact mesh are others; |grad omega| < 2 peak / rho
-        distortion = 3 * mesh.distortion[self.triangle].max() + SQUARES_ROUNDING
-        place_rounding = (
-            mesh.node_shifts[mesh.triangles[self.triangle]].max() + 8 * EPS * mesh.polygon.largest
-        )
-        gradient = np.hypot(*self.slopes).max()
-        mass = area * self.omega.mean(axis=0)
-        rounding = distortion * (mass @ size + level + self.arc.half_length * gradient)
-        rounding += place_rounding * (gradient + 2 * self.peak / self.radius * weighted.sum())
-        return float(weighted @ (curvature * spread) + rounding)
+        distortion = 3 * self.find_largest(mesh.distortion[self.triangle]) + SQUARES_ROUNDING
+        shifts = mesh.node_shifts[mesh.triangles[self.triangle]].max(axis=1)
+        place_rounding = self.find_largest(shifts) + 8 * EPS * mesh.polygon.largest
+        gradient = self.find_largest(np.hypot(self.slopes[0], self.slopes[1]))
+        mass = self.add_up(area * self.omega.mean(axis=0) * size)
+        rounding = distortion * (mass + level + self.half_length * gradient)
+        rounding += place_rounding * (gradient + 2 * self.peak / self.radius * self.add_up(weighted))
+        return self.add_up(weighted * (curvature * spread)) + rounding
 
 
 def select_along(mesh: Mesh, side: Arc, max_edges: int) -> Index:
@@ -178,8 +200,7 @@ def select_along(mesh: Mesh, side: Arc, max_edges: int) -> Index:
     # no point of a triangle is nearer to the line of the side than a vertex
     height = (side.centre - mesh.points) @ side.polygon.normals[side.side]
     is_near = height <= (RADIUS_RATIO + 1) * longest / 2
-    a, b, c = mesh.triangles.T
-    return np.flatnonzero(is_near[a] | is_near[b] | is_near[c])
+    return np.flatnonzero(np.logical_or.reduce([is_near.take(nodes) for nodes in mesh.triangles.T]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,28 +242,38 @@ class SuperMeans:
         offsets = centroid[candidates] - arc.centre
         return candidates[np.hypot(offsets[:, 0], offsets[:, 1]) <= reach + circle[candidates]]
 
-    def bound_gap(self, arc: Arc) -> float:
-        """A number below u - g everywhere on the arc, -inf where no half disc fits."""
-        radius = min(RADIUS_RATIO * arc.half_length, arc.clearance)
-        if radius <= arc.half_length:
-            return -math.inf
-        disc = self.make_half_disc(arc, radius, self.select_near(arc))
-        mean, slope = disc.bound_mean()
-        lost = self._source_loss(disc) + self._error_loss(radius, arc.clearance)
-        return mean - lost - self._highest_g(arc, slope)
+    def bound_gaps(self, arcs: Sequence[Arc]) -> Array:
+        """Numbers below u - g everywhere on each of the arcs, -inf where no half disc fits, (k,)."""
+        gaps = np.full(len(arcs), -math.inf)
+        radius = np.array([min(RADIUS_RATIO * arc.half_length, arc.clearance) for arc in arcs])
+        fitting = np.flatnonzero(radius > [arc.half_length for arc in arcs])
+        for block in row_blocks(len(fitting), ARCS_PER_BLOCK):
+            chosen = fitting[block]
+            block_arcs = [arcs[i] for i in chosen]
+            discs = self.make_half_discs(block_arcs, radius[chosen], [*map(self.select_near, block_arcs)])
+            mean, slope = discs.bound_means()
+            source_loss = self._bound_source_losses(discs)
+            for i, arc, lower, along in zip(chosen, block_arcs, mean - source_loss, slope, strict=True):
+                error_loss = self._error_loss(radius[i], arc.clearance)
+                gaps[i] = lower - error_loss - self._highest_g(arc, along)
+        return gaps
 
-    def make_half_disc(self, arc: Arc, radius: float, triangles: Index) -> HalfDisc:
-        """The half disc of this radius about the midpoint, with these triangles."""
+    def make_half_discs(self, arcs: Sequence[Arc], radius: Array, triangles: Sequence[Index]) -> HalfDiscs:
+        """The half discs of these radii (d,) about the midpoints, each with its triangles."""
         mesh = self.mesh
-        nodes = mesh.triangles[triangles].T
-        return HalfDisc(
-            arc=arc,
+        triangle = np.concatenate(triangles)
+        disc = np.repeat(np.arange(len(arcs)), [*map(len, triangles)])
+        nodes = mesh.triangles[triangle].T
+        centre = np.array([arc.centre for arc in arcs])
+        return HalfDiscs(
+            half_length=np.array([arc.half_length for arc in arcs]),
             radius=radius,
             mesh=mesh,
-            triangle=triangles,
-            place=arc.to_axes(mesh.points[nodes] - arc.centre),
+            triangle=triangle,
+            disc=disc,
+            place=self.side.to_axes(mesh.points.take(nodes, axis=0) - centre[disc]),
             corners=self.u_h[nodes],
-            slopes=arc.to_axes(self.gradient[triangles]),
+            slopes=self.side.to_axes(self.gradient[triangle]),
         )
 
     @cached_property
@@ -250,17 +281,18 @@ class SuperMeans:
         """grad u_h on the layer, (t, 2)."""
         return np.einsum("mid,mi->md", gradients(self.mesh), self.u_h[self.mesh.triangles])
 
-    def _source_loss(self, disc: HalfDisc) -> float:
-        """A bound on -1/k int (f - c u_h) W."""
+    def _bound_source_losses(self, discs: HalfDiscs) -> Array:
+        """Bounds on -1/k int (f - c u_h) W, (d,)."""
         source = self.data.source
-        triangles = self.layer[disc.triangle]
-        linear_part = source.f_h[triangles].T - self.form.c * disc.corners
-        rest = source.oscillation[triangles] + source.jumps[triangles]
-        rest_norm = np.linalg.norm(rest + source.remainder[triangles])
-        rounding = SQUARES_ROUNDING * np.abs(linear_part).max()
-        # W >= 0, int W = rho^2 / 16
-        lost = disc.radius**2 / 16 * (rounding - linear_part.min())
-        return float(W_NORM * disc.radius * rest_norm + lost) / self.form.k
+        triangles = self.layer[discs.triangle]
+        linear_part = source.f_h[triangles].T - self.form.c * discs.corners
+        rest = source.oscillation[triangles] + source.jumps[triangles] + source.remainder[triangles]
+        rest_norm = np.sqrt(discs.add_up(rest**2))
+        rounding = SQUARES_ROUNDING * discs.find_largest(np.abs(linear_part).max(axis=0))
+        # W >= 0, int W = rho^2 / 16; the least value is minus the largest of the opposite
+        least = -discs.find_largest(-linear_part.min(axis=0))
+        lost = discs.radius**2 / 16 * (rounding - least)
+        return np.asarray(W_NORM * discs.radius * rest_norm + lost) / self.form.k
 
     def _error_loss(self, radius: float, R: float) -> float:
         """A bound on |int (omega - c/k W) e|, where the half disc of radius R lies in the domain."""

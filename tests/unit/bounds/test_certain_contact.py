@@ -137,9 +137,9 @@ def test_the_part_of_the_source():
     """f - c u = 3 - 1 on all triangles, so rho^2 / 16 times 2 / k is gained; the rest is lost by its norm."""
     means = means_with(ErrorBounds(0.0, 0.0, 0.0), k=2, c=1)
     mesh = means.data.mesh
-    disc = means.make_half_disc(ONE_ARC, 0.1, means.select_near(ONE_ARC))
+    disc = means.make_half_discs([ONE_ARC], np.array([0.1]), [means.select_near(ONE_ARC)])
     area = mesh.areas[disc.triangle].sum()
-    loss = means._source_loss(disc)
+    loss = means._bound_source_losses(disc)
     assert loss == pytest.approx((W_NORM * 0.1 * 1.5 * math.sqrt(area) - 0.01 / 16 * 2) / 2, rel=1e-6)
     assert area > math.pi * 0.1**2 / 2
 
@@ -195,13 +195,28 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
         u_h = -np.abs(mesh.points[:, 0] - 0.5) + roughness * rng.standard_normal(mesh.n_nodes)
         means = means_of(mesh, u_h)
         near = mesh.areas > 0 if n < 64 else np.hypot(*(mesh.enclosing_circles[0] - arc.centre).T) < 0.2
-        mean, slope = means.make_half_disc(arc, radius, np.flatnonzero(near)).bound_mean()
+        half_disc = means.make_half_discs([arc], np.array([radius]), [np.flatnonzero(near)])
+        (mean,), (slope,) = half_disc.bound_means()
         excesses = []
         for s in np.linspace(-half, half, 3):
             values = evaluate_at_points(mesh, disc + np.array([0.5 + s, 0]), partial(evaluate_u_h, mesh, u_h))
             excesses.append(weight @ values - slope * s - mean)
         assert min(excesses) > -2e-3
     assert roughness or max(excesses) < 0.07
+
+
+def test_half_discs_are_bounded_together_as_each_by_itself():
+    """Of 40 arcs of several lengths, so that there are several blocks; -inf where no half disc fits."""
+    solution = ul.solve("natural", h=1 / 32, H=1 / 16).bounded
+    side = Arc(solution.mesh.polygon, 0, 0.0, 1.0)
+    errors = ErrorBounds(0.1, 0.1, 0.1)
+    layer = select_along(solution.mesh, side, 8)
+    means = SuperMeans(solution.data, solution.u_h, solution.form, errors, side, layer)
+    arcs = [side, *(replace(side, start=start, end=start + 0.05) for start in np.linspace(0, 0.95, 39))]
+    arcs = [half for arc in arcs for half in (arc, arc.halve()[0])]
+    together = means.bound_gaps(arcs)
+    np.testing.assert_allclose(together, [means.bound_gaps([arc])[0] for arc in arcs], rtol=1e-12)
+    assert 4 < np.count_nonzero(together == -math.inf) < len(arcs) / 2
 
 
 @pytest.mark.parametrize("slope", [0.0, -2.0])
@@ -228,7 +243,7 @@ def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
     expected = 0.5 + slope * 32 * 0.125 / (35 * math.pi)
     for start in (0.25, 0.5):
         arc = Arc(problem.polygon, 0, start, start + 0.0625)
-        gap = means.bound_gap(arc)
+        (gap,) = means.bound_gaps([arc])
         assert gap == pytest.approx(expected, abs=1e-6)
         assert gap <= expected
 
