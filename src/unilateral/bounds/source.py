@@ -34,7 +34,7 @@ from unilateral.bounds.source_pieces import (
     widen_areas,
 )
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import linear_moments, load_vector
+from unilateral.fem.p1 import add_moments, linear_moments
 from unilateral.fem.p2 import linear_square_norms
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
@@ -70,7 +70,10 @@ class Source:
     @property
     def load(self) -> Array:
         """The load vector (f_h, phi_i), (n,)."""
-        return load_vector(self.mesh, self.moments())
+        load = np.zeros(self.mesh.n_nodes)
+        for block in row_blocks(len(self.mesh.triangles)):
+            add_moments(load, self.mesh.triangles[block], self.moments(block))
+        return load
 
     def moments(self, triangles: slice = slice(None)) -> Array:
         """The moments of f_h, and so of p, with the hats of some triangles, or of all, (k, 3)."""

@@ -56,9 +56,14 @@ def assemble_matrix(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
 def load_vector(mesh: Mesh, moments: Array) -> Array:
     """The load (f, phi_i), from the moments of f against each triangle's hats; shape (n,)."""
     load = np.zeros(mesh.n_nodes)
-    for nodes, nodal_moments in zip(mesh.triangles.T, moments.T, strict=True):
-        np.add.at(load, nodes, nodal_moments)
+    add_moments(load, mesh.triangles, moments)
     return load
+
+
+def add_moments(load: Array, triangles: Index, moments: Array) -> None:
+    """Add the moments (k, 3) of some triangles (k, 3) to the load (n,), in place."""
+    for nodes, nodal_moments in zip(triangles.T, moments.T, strict=True):
+        np.add.at(load, nodes, nodal_moments)
 
 
 def mesh_blocks(mesh: Mesh) -> Iterator[Mesh]:
@@ -71,7 +76,7 @@ def assemble_load_by_blocks(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Arr
     """The load (f, phi_i), from the moments of f on one block of triangles after another; shape (n,)."""
     values = np.zeros(mesh.n_nodes)
     for block in mesh_blocks(mesh):
-        np.add.at(values, block.triangles, moments(block))
+        add_moments(values, block.triangles, moments(block))
     return values
 
 
