@@ -18,14 +18,13 @@ Where the right side is above g, u does not touch g (supplement, Proposition S20
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, row_blocks
+from unilateral.arrays import Array, Index, Mask, row_blocks
 from unilateral.bounds.constraint import bernstein_bounds
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
@@ -55,46 +54,56 @@ class ErrorBounds(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Arc:
-    """A part of a side, between two arc lengths of the boundary."""
+class Arcs:
+    """Parts of one side, arc k from `start` (k,) to `end` (k,), which are arc lengths of the boundary."""
 
     polygon: Polygon
     side: int
-    start: float
-    end: float
+    start: Array
+    end: Array
 
-    def halve(self) -> tuple[Arc, Arc]:
-        """Both halves, in their order."""
-        return replace(self, end=self.middle), replace(self, start=self.middle)
+    def select(self, chosen: Index | Mask) -> Arcs:
+        """Some of the arcs."""
+        return replace(self, start=self.start[chosen], end=self.end[chosen])
+
+    def halve(self) -> Arcs:
+        """Both halves of each arc, in their order."""
+        start = np.column_stack([self.start, self.middle]).ravel()
+        return replace(self, start=start, end=np.column_stack([self.middle, self.end]).ravel())
 
     @property
-    def middle(self) -> float:
-        """The arc length of the midpoint."""
-        return 0.5 * (self.start + self.end)
+    def middle(self) -> Array:
+        """The arc lengths of the midpoints, (k,)."""
+        return np.asarray(0.5 * (self.start + self.end))
 
     @property
-    def half_length(self) -> float:
-        """Half the length."""
-        return 0.5 * (self.end - self.start)
+    def half_length(self) -> Array:
+        """Half of each length, (k,)."""
+        return np.asarray(0.5 * (self.end - self.start))
 
     @property
     def centre(self) -> Array:
-        """The midpoint, (2,)."""
+        """The midpoints, (k, 2)."""
         along = self.middle - self.polygon.starts[self.side]
-        return np.asarray(self.polygon.vertices[self.side] + along * self.polygon.tangents[self.side])
+        return np.asarray(
+            self.polygon.vertices[self.side] + along[:, None] * self.polygon.tangents[self.side]
+        )
 
     @cached_property
-    def clearance(self) -> float:
-        """A number below the distances of all points of the arc from other sides; it may be negative."""
+    def clearance(self) -> Array:
+        """Numbers below the distances of all points of each arc from other sides; they may be negative."""
         starts = self.polygon.vertices
-        distances = segment_distances(self.centre[None], starts, starts + self.polygon.edges)[0]
-        distances[self.side] = np.inf
-        return float(DISTANCE_SHARE * distances.min() - self.half_length)
+        nearest = np.empty(len(self.start))
+        for block in row_blocks(len(nearest), ARCS_PER_BLOCK):
+            distances = segment_distances(self.centre[block], starts, starts + self.polygon.edges)
+            distances[:, self.side] = np.inf
+            nearest[block] = distances.min(axis=1)
+        return np.asarray(DISTANCE_SHARE * nearest - self.half_length)
 
-    def find_intervals(self, points: Array) -> slice:
-        """The intervals between arc lengths (k,), of edges or of cells, that the arc meets."""
-        first = int(np.searchsorted(points, self.start, side="right")) - 1
-        return slice(first, int(np.searchsorted(points, self.end, side="left")))
+    def find_intervals(self, points: Array) -> tuple[Index, Index]:
+        """The first of the intervals between arc lengths that each arc meets, and the one after the last."""
+        first = np.searchsorted(points, self.start, side="right") - 1
+        return first, np.searchsorted(points, self.end, side="left")
 
     def to_axes(self, vectors: Array) -> Array:
         """Components (2, ...) of vectors (..., 2) along the side and into the domain."""
@@ -104,17 +113,24 @@ class Arc:
         return np.stack([axis[0] * x + axis[1] * y for axis in axes])
 
 
+def list_ranges(first: Index, end: Index) -> tuple[Index, Index]:
+    """The numbers from `first` (k,) on and below `end` (k,), range after range, and the range of each."""
+    counts = end - first
+    owner = np.repeat(np.arange(len(first)), counts)
+    return np.arange(len(owner)) + (first - np.cumsum(counts) + counts)[owner], owner
+
+
 @dataclass(frozen=True, eq=False)
 class HalfDiscs:
     """Half discs about the midpoints of d arcs, and the triangles near each, one half disc after another.
 
-    `half_length` (d,) are those of the arcs, `radius` (d,) those of the half discs. `triangle` (t,) are
-    numbers in the mesh, near the half disc `disc` (t,). `place` (2, 3, t) are their nodes, along the side and
-    into the domain from the midpoint. All triangles are there that meet the half disc about any point of the
-    arc. `slopes` (2, t) is grad u_h, and `corners` (3, t) is u_h at the nodes.
+    They have the `radius` (d,). `triangle` (t,) are numbers in the mesh, near the half disc `disc` (t,).
+    `place` (2, 3, t) are their nodes, along the side and into the domain from the midpoint. All triangles are
+    there that meet the half disc about any point of the arc. `slopes` (2, t) is grad u_h, and `corners`
+    (3, t) is u_h at the nodes.
     """
 
-    half_length: Array
+    arcs: Arcs
     radius: Array
     mesh: Mesh
     triangle: Index
@@ -152,7 +168,7 @@ class HalfDiscs:
         moment = slope[1] * 32 * self.radius / (35 * math.pi)
         mean = level + moment + self.add_up(area * _product_means(self.omega, v))
         # for a point s at most half the length away the integral changes with the slope along the side
-        change = self.half_length * self.find_largest(np.abs(self.slopes[0] - slope_x))
+        change = self.arcs.half_length * self.find_largest(np.abs(self.slopes[0] - slope_x))
         lost = change + self._interpolation_losses(np.abs(v).max(axis=0), np.abs(level))
         return mean - self.mesh.exact_mesh_factor * lost, slope[0]
 
@@ -187,18 +203,18 @@ class HalfDiscs:
         place_rounding = self.find_largest(shifts) + 8 * EPS * mesh.polygon.largest
         gradient = self.find_largest(np.hypot(self.slopes[0], self.slopes[1]))
         mass = self.add_up(area * self.omega.mean(axis=0) * size)
-        rounding = distortion * (mass + level + self.half_length * gradient)
+        rounding = distortion * (mass + level + self.arcs.half_length * gradient)
         rounding += place_rounding * (gradient + 2 * self.peak / self.radius * self.add_up(weighted))
         return self.add_up(weighted * (curvature * spread)) + rounding
 
 
-def select_along(mesh: Mesh, side: Arc, max_edges: int) -> Index:
+def select_along(mesh: Mesh, side: Arcs, max_edges: int) -> Index:
     """Triangles (t,) that half discs of arcs with up to `max_edges` edges of a whole side can meet."""
-    edges = side.find_intervals(mesh.s)
-    s = mesh.s[edges.start : edges.stop + 1]
+    (first,), (end,) = side.find_intervals(mesh.s)
+    s = mesh.s[first : end + 1]
     longest = max(s[max_edges:] - s[:-max_edges], default=s[-1] - s[0])
     # no point of a triangle is nearer to the line of the side than a vertex
-    height = (side.centre - mesh.points) @ side.polygon.normals[side.side]
+    height = (side.centre[0] - mesh.points) @ side.polygon.normals[side.side]
     is_near = height <= (RADIUS_RATIO + 1) * longest / 2
     return np.flatnonzero(np.logical_or.reduce([is_near.take(nodes) for nodes in mesh.triangles.T]))
 
@@ -214,7 +230,7 @@ class SuperMeans:
     u_h: Array
     form: Form
     errors: ErrorBounds
-    side: Arc
+    side: Arcs
     layer: Index
 
     @cached_property
@@ -229,51 +245,47 @@ class SuperMeans:
         order = np.argsort(places)
         return order, places[order]
 
-    def select_near(self, arc: Arc) -> Index:
-        """Triangles that half discs of the arc can meet."""
+    def select_near(self, arcs: Arcs) -> tuple[Index, Index]:
+        """Triangles (t,) that half discs of the arcs can meet, arc after arc, and the arcs' numbers (t,)."""
         centroid, circle = self.mesh.enclosing_circles
-        reach = (RADIUS_RATIO + 1) * arc.half_length
+        reach = (RADIUS_RATIO + 1) * arcs.half_length
         # first those that are near along the side, with the largest circle of all for their own ones
         order, places = self.sequence
-        from_midpoint = arc.middle - self.side.middle
+        from_midpoint = arcs.middle - self.side.middle
         widest = reach + circle.max()
-        first, last = np.searchsorted(places, [from_midpoint - widest, from_midpoint + widest])
-        candidates = order[first:last]
-        offsets = centroid[candidates] - arc.centre
-        return candidates[np.hypot(offsets[:, 0], offsets[:, 1]) <= reach + circle[candidates]]
+        first = np.searchsorted(places, from_midpoint - widest)
+        number, arc = list_ranges(first, np.searchsorted(places, from_midpoint + widest))
+        triangle = order[number]
+        offsets = centroid[triangle] - arcs.centre[arc]
+        is_near = np.hypot(offsets[:, 0], offsets[:, 1]) <= reach[arc] + circle[triangle]
+        return triangle[is_near], arc[is_near]
 
-    def bound_gaps(self, arcs: Sequence[Arc]) -> Array:
+    def bound_gaps(self, arcs: Arcs) -> Array:
         """Numbers below u - g everywhere on each of the arcs, -inf where no half disc fits, (k,)."""
-        gaps = np.full(len(arcs), -math.inf)
-        radius = np.array([min(RADIUS_RATIO * arc.half_length, arc.clearance) for arc in arcs])
-        fitting = np.flatnonzero(radius > [arc.half_length for arc in arcs])
+        gaps = np.full(len(arcs.start), -math.inf)
+        radius = np.minimum(RADIUS_RATIO * arcs.half_length, arcs.clearance)
+        fitting = np.flatnonzero(radius > arcs.half_length)
         for block in row_blocks(len(fitting), ARCS_PER_BLOCK):
-            chosen = fitting[block]
-            block_arcs = [arcs[i] for i in chosen]
-            discs = self.make_half_discs(block_arcs, radius[chosen], [*map(self.select_near, block_arcs)])
+            chosen = arcs.select(fitting[block])
+            discs = self.make_half_discs(chosen, radius[fitting[block]], *self.select_near(chosen))
             mean, slope = discs.bound_means()
-            source_loss = self._bound_source_losses(discs)
-            for i, arc, lower, along in zip(chosen, block_arcs, mean - source_loss, slope, strict=True):
-                error_loss = self._error_loss(radius[i], arc.clearance)
-                gaps[i] = lower - error_loss - self._highest_g(arc, along)
+            lost = self._bound_source_losses(discs) + self._bound_error_losses(discs.radius, chosen.clearance)
+            gaps[fitting[block]] = mean - lost - self._bound_g(chosen, slope)
         return gaps
 
-    def make_half_discs(self, arcs: Sequence[Arc], radius: Array, triangles: Sequence[Index]) -> HalfDiscs:
-        """The half discs of these radii (d,) about the midpoints, each with its triangles."""
+    def make_half_discs(self, arcs: Arcs, radius: Array, triangle: Index, disc: Index) -> HalfDiscs:
+        """The half discs of the radii (d,) about the midpoints of arcs, with the triangles near each."""
         mesh = self.mesh
-        triangle = np.concatenate(triangles)
-        disc = np.repeat(np.arange(len(arcs)), [*map(len, triangles)])
         nodes = mesh.triangles[triangle].T
-        centre = np.array([arc.centre for arc in arcs])
         return HalfDiscs(
-            half_length=np.array([arc.half_length for arc in arcs]),
+            arcs=arcs,
             radius=radius,
             mesh=mesh,
             triangle=triangle,
             disc=disc,
-            place=self.side.to_axes(mesh.points.take(nodes, axis=0) - centre[disc]),
+            place=arcs.to_axes(mesh.points.take(nodes, axis=0) - arcs.centre[disc]),
             corners=self.u_h[nodes],
-            slopes=self.side.to_axes(self.gradient[triangle]),
+            slopes=arcs.to_axes(self.gradient[triangle]),
         )
 
     @cached_property
@@ -294,29 +306,35 @@ class SuperMeans:
         lost = discs.radius**2 / 16 * (rounding - least)
         return np.asarray(W_NORM * discs.radius * rest_norm + lost) / self.form.k
 
-    def _error_loss(self, radius: float, R: float) -> float:
-        """A bound on |int (omega - c/k W) e|, where the half disc of radius R lies in the domain."""
+    def _bound_error_losses(self, radius: Array, R: Array) -> Array:
+        """Bounds on |int (omega - c/k W) e|, where the half discs of the radii R lie in the domain, (d,)."""
         k = self.form.k
         # omega less 2 / (pi R^2) is the divergence of a radial field in the half disc of radius R; with
         # q = (rho / R)^2 the square of its norm is at most
         # (73/60 - ln q - 2 (1 - q) + (1 - q^2) / 2) / (2 pi)
-        q = min((radius / R) ** 2, 1.0)
-        field = math.sqrt((73 / 60 - math.log(q) - 2 * (1 - q) + (1 - q**2) / 2) / (2 * math.pi))
+        q = np.minimum((radius / R) ** 2, 1.0)
+        field = np.sqrt((73 / 60 - np.log(q) - 2 * (1 - q) + (1 - q**2) / 2) / (2 * math.pi))
         value = math.sqrt(2 / math.pi) / R + self.form.c / k * W_NORM * radius
         lost = field / math.sqrt(k) * self.errors.energy + value * self.errors.value
-        return lost * (1 + SQUARES_ROUNDING)
+        return np.asarray(lost * (1 + SQUARES_ROUNDING))
 
-    def _highest_g(self, arc: Arc, slope: float) -> float:
-        """A number above g - slope (s - s_0) on the arc."""
+    def _bound_g(self, arcs: Arcs, slope: Array) -> Array:
+        """Numbers above g - slope (s - s_0) on the arcs, (k,)."""
         constraint = self.data.constraint
         s = self.data.mesh.s
-        edges = arc.find_intervals(s)
-        met = slice(*np.searchsorted(constraint.edge, [edges.start, edges.stop]))
-        edge = constraint.edge[met][:, None]
-        places = s[edge] + constraint.x[met] * (s[edge + 1] - s[edge])
-        highest = bernstein_bounds(constraint.p[met] - slope * (places - arc.middle))[1]
-        rounding = 8 * EPS * arc.polygon.perimeter * abs(slope)
-        return float(np.max(highest + constraint.remainder[met])) + rounding
+        # the intervals of the edges that an arc meets
+        first_edge, last_edge = arcs.find_intervals(s)
+        first = np.searchsorted(constraint.edge, first_edge)
+        interval, arc = list_ranges(first, np.searchsorted(constraint.edge, last_edge))
+        edge = constraint.edge[interval][:, None]
+        places = s[edge] + constraint.x[interval] * (s[edge + 1] - s[edge])
+        from_midpoint = places - arcs.middle[arc][:, None]
+        highest = bernstein_bounds(constraint.p[interval] - slope[arc][:, None] * from_midpoint)[1]
+        highest += constraint.remainder[interval]
+        rounding = 8 * EPS * arcs.polygon.perimeter * np.abs(slope)
+        return np.asarray(
+            np.maximum.reduceat(highest, np.searchsorted(arc, np.arange(len(slope)))) + rounding
+        )
 
 
 def _product_means(first: Array, second: Array) -> Array:
