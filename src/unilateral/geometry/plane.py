@@ -49,9 +49,10 @@ def longest_edges(points: Array, triangles: Index) -> Array:
 
 def centroid_circles(vertices: Array) -> tuple[Array, Array]:
     """The centroids (k, 2) of triangles with `vertices` (k, 3, 2), and how far (k,) a vertex is at most."""
-    centre = vertices.mean(axis=1)
-    offsets = vertices - centre[:, None]
-    return centre, np.hypot(offsets[..., 0], offsets[..., 1]).max(axis=1)
+    a, b, c = np.moveaxis(vertices, 1, 0)
+    centre = (a + b + c) / 3
+    distances = [np.hypot(*(corner - centre).T) for corner in (a, b, c)]
+    return centre, np.maximum(np.maximum(distances[0], distances[1]), distances[2])
 
 
 def first_crossing(vertices: Array) -> tuple[int, int] | None:
