@@ -20,12 +20,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array
 from unilateral.bounds.clamped_ends import LOWERING_PER_REMAINDER
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.local_bounds import Bound
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING
-from unilateral.bounds.super_means import Arc, ErrorBounds, SuperMeans, select_along
+from unilateral.bounds.super_means import Arcs, ErrorBounds, SuperMeans, list_ranges, select_along
 from unilateral.fem.form import Form
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.partition import Partition
@@ -76,13 +76,14 @@ def find_certain_contact(
     certain = []
     for side in np.flatnonzero(form.has_multiplier(np.arange(polygon.n_sides))).tolist():
         origin = float(polygon.starts[side])
-        whole = Arc(polygon, side, origin, float(polygon.starts[side + 1]))
+        end_of_side = float(polygon.starts[side + 1])
         if side in idle_sides:
-            parts = [(whole.start, whole.end, Verdict.FREE)]
+            parts = [(origin, end_of_side, Verdict.FREE)]
         else:
+            whole = Arcs(polygon, side, np.array([origin]), np.array([end_of_side]))
             layer = select_along(data.mesh, whole, MAX_EDGES_PER_ARC)
-            proof = ContactProof(SuperMeans(data, u_h, form, errors, layer), partition, lambda_H)
-            parts = proof.decide(whole, np.arange(len(layer)))
+            means = SuperMeans(data, u_h, form, errors, whole, layer)
+            (parts,) = ContactProof(means, partition, lambda_H).decide(whole)
         certain += [CertainArc(side, start - origin, end - origin, verdict) for start, end, verdict in parts]
     return certain
 
@@ -95,42 +96,61 @@ class ContactProof:
     partition: Partition
     lambda_H: Array
 
-    def decide(self, arc: Arc, triangles: Index) -> list[ProvedArc]:
-        """The parts of the arc, in their order, with what is proved of them; `triangles` has all near it."""
-        mesh = self.means.data.mesh
-        edges = arc.find_intervals(mesh.s)
+    def decide(self, arcs: Arcs) -> list[list[ProvedArc]]:
+        """The parts of each of the arcs, in their order, with what is proved of them."""
+        s = self.means.data.mesh.s
+        first_edge, last_edge = arcs.find_intervals(s)
+        first_cell, last_cell = arcs.find_intervals(self.partition.points)
         # where lambda_H is positive u_h is near g: there no gap can be proved, and else no contact
-        in_contact = self.lambda_H[arc.find_intervals(self.partition.points)] > 0
-        touches = bool(in_contact.any()) and self.bound_tent(arc) > 0
-        triangles = triangles[:0] if in_contact.all() else self.means.select_near(arc, triangles)
-        is_tried = not in_contact.any() and edges.stop - edges.start <= MAX_EDGES_PER_ARC
-        if is_tried and self.means.bound_gap(arc, triangles) > 0:
-            return [(arc.start, arc.end, Verdict.FREE)]
-        is_short = arc.end - arc.start <= (1 + LENGTH_ROUNDING) * np.diff(mesh.s)[edges].min()
-        if is_short or (in_contact.all() and not touches):
-            return [(arc.start, arc.end, Verdict.TOUCHES if touches else Verdict.UNDECIDED)]
-        first_half, second_half = arc.halve()
-        parts = _join_equal([*self.decide(first_half, triangles), *self.decide(second_half, triangles)])
-        open_parts = [i for i, part in enumerate(parts) if part[2] is not Verdict.FREE]
-        # there is contact in the arc, so in its only part that is not free
-        if touches and len(open_parts) == 1:
-            start, end, _ = parts[open_parts[0]]
-            parts[open_parts[0]] = (start, end, Verdict.TOUCHES)
+        n_positive = np.append(0, np.cumsum(self.lambda_H > 0))
+        n_in_contact = n_positive[last_cell] - n_positive[first_cell]
+        touches = n_in_contact > 0
+        touches[touches] = self.bound_tents(arcs.select(touches)) > 0
+        is_free = (n_in_contact == 0) & (last_edge - first_edge <= MAX_EDGES_PER_ARC)
+        is_free[is_free] = self.means.bound_gaps(arcs.select(is_free)) > 0
+        verdicts = np.where(is_free, Verdict.FREE, np.where(touches, Verdict.TOUCHES, Verdict.UNDECIDED))
+        parts = [
+            [(start, end, Verdict(verdict))]
+            for start, end, verdict in zip(
+                arcs.start.tolist(), arcs.end.tolist(), verdicts.tolist(), strict=True
+            )
+        ]
+
+        # the halves of arcs that are not decided and longer than an edge, and what is proved of these
+        edges = np.column_stack([first_edge, last_edge]).ravel()
+        shortest = np.minimum.reduceat(np.append(np.diff(s), np.inf), edges)[::2]
+        is_short = arcs.end - arcs.start <= (1 + LENGTH_ROUNDING) * shortest
+        is_all_in_contact = n_in_contact == last_cell - first_cell
+        halved = np.flatnonzero(~is_free & ~is_short & (touches | ~is_all_in_contact))
+        half_parts = self.decide(arcs.select(halved).halve()) if halved.size else []
+        for i, first, second in zip(halved, half_parts[::2], half_parts[1::2], strict=True):
+            parts[i] = _join_equal([*first, *second])
+            open_parts = [k for k, part in enumerate(parts[i]) if part[2] is not Verdict.FREE]
+            # there is contact in the arc, so in its only part that is not free
+            if touches[i] and len(open_parts) == 1:
+                start, end, _ = parts[i][open_parts[0]]
+                parts[i][open_parts[0]] = (start, end, Verdict.TOUCHES)
         return parts
 
-    def bound_tent(self, arc: Arc) -> float:
-        """A lower bound on <lambda, w> for the tent w on the arc, 1 in the middle."""
+    def bound_tents(self, arcs: Arcs) -> Array:
+        """Lower bounds on <lambda, w> for the tents w on the arcs, 1 in the middle, (k,)."""
         polygon = self.partition.polygon
         form = self.means.form
-        radius = min(arc.half_length, arc.clearance + arc.half_length)
+        radius = np.minimum(arcs.half_length, arcs.clearance + arcs.half_length)
+        # a tent is 0 on the cells that its arc does not meet
+        points = self.partition.points
+        cell, arc = list_ranges(*arcs.find_intervals(points))
         # the antiderivative of 1 - |x| is x - x |x| / 2
-        x = np.clip((self.partition.points - arc.middle) / radius, -1, 1)
-        weights = radius * np.diff(x - 0.5 * x * np.abs(x))
-        rounding = 8 * EPS * polygon.perimeter * (self.lambda_H @ (weights > 0))
-        pairing = (1 - polygon.stretch.max() - SQUARES_ROUNDING) * (weights @ self.lambda_H - rounding)
+        x = np.clip((points[[cell, cell + 1]] - arcs.middle[arc]) / radius[arc], -1, 1)
+        weights = radius[arc] * np.diff(x - 0.5 * x * np.abs(x), axis=0)[0]
+        lambda_H = self.lambda_H[cell]
+        n = len(radius)
+        rounding = 8 * EPS * polygon.perimeter * np.bincount(arc, lambda_H * (weights > 0), n)
+        pairing = np.bincount(arc, weights * lambda_H, n) - rounding
+        pairing *= 1 - polygon.stretch.max() - SQUARES_ROUNDING
         # |w|_1^2 = pi / 2 and ||w||_0^2 = pi rho^2 / 12 in the half disc
-        norm = math.sqrt(form.k * math.pi / 2 + form.c * math.pi / 12 * radius**2)
-        return float(pairing - (1 + SQUARES_ROUNDING) * self.means.errors.multiplier * norm)
+        norm = np.sqrt(form.k * math.pi / 2 + form.c * math.pi / 12 * radius**2)
+        return np.asarray(pairing - (1 + SQUARES_ROUNDING) * self.means.errors.multiplier * norm)
 
 
 def _join_equal(parts: list[ProvedArc]) -> list[ProvedArc]:

@@ -144,16 +144,16 @@ def order_spokes(mesh: Mesh, corner_values: Callable[[slice], Array]) -> tuple[I
     `corner_values` gives the values (k, 3) at the corners of some triangles. Behind spokes that run back
     along the boundary there is neither: both are 0.
     """
-    ends = mesh.triangulation.ends
-    next_spoke = np.zeros(2 * len(ends), dtype=np.int32)
-    value_after = np.zeros(2 * len(ends))
+    ends = mesh.triangulation.ends.ravel()
+    next_spoke = np.zeros(len(ends), dtype=np.int32)
+    value_after = np.zeros(len(ends))
     for block in row_blocks(len(mesh.triangles), 2 * PATCHES_PER_BLOCK):
         node = mesh.triangles[block].T
         edge = mesh.opposite_edges[block].T
         values = corner_values(block).T
         # spokes[i] goes from corner i to the next corner; the spoke from corner i to the one before is
         # spokes[i - 1] turned round, and corner i lies between both
-        spokes = [2 * e + (ends[e, 0] != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
+        spokes = [2 * e + (ends.take(2 * e) != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
         for i, spoke in enumerate(spokes):
             value_after[spoke] = values[i]
             next_spoke[spoke] = spokes[i - 1] ^ 1

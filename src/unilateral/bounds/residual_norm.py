@@ -88,22 +88,24 @@ class ResidualParts(NamedTuple):
 
         S_1 is infinite for c = 0.
         """
-        squares = gradient_squares = value_squares = 0.0
-        for block in row_blocks(len(self.misfit)):
-            squares += float(self._squares_of_block(block).sum())
+        blocks = [*row_blocks(len(self.misfit))]
+        S_1 = _root_with_rounding(sum(float(self._squares_of_block(block).sum()) for block in blocks))
+        k = self.form.k
+        c = self.form.c
+        C = self.form.friedrichs
+        if math.isinf(C):
+            return S_1, S_1
+
+        # (ii): S_2, where the largest value is not that of (i) for theta = 1
+        gradient_squares = value_squares = 0.0
+        for block in blocks:
             m = self.misfit[block] + self.mesh.longest_edges[block] / BESSEL_ZERO * self.oscillation[block]
             r = self.mean[block] + self.remainder[block]
             gradient_squares += float(m @ m)
             value_squares += float(r @ r)
-        S_1 = _root_with_rounding(squares)
         M = _root_with_rounding(gradient_squares)
         N = _root_with_rounding(value_squares)
-
-        # (ii): S_2, where the largest value is not that of (i) for theta = 1
-        k = self.form.k
-        c = self.form.c
-        C = self.form.friedrichs
-        if math.isinf(C) or k * N < c * C * M:
+        if k * N < c * C * M:
             return S_1, S_1
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, row_blocks
 from unilateral.bounds.source_ancestors import (
-    TRIANGLES_PER_BLOCK,
     Ancestors,
     AncestorSearch,
     PieceSums,
@@ -35,10 +34,11 @@ from unilateral.bounds.source_pieces import (
     widen_areas,
 )
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import linear_moments, load_vector
+from unilateral.fem.p1 import add_moments, linear_moments
 from unilateral.fem.p2 import linear_square_norms
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import corner_coordinates
 from unilateral.problems.problem import SourceFunction
 
 MIN_QUARTERING_RATIO = 16.0
@@ -70,7 +70,10 @@ class Source:
     @property
     def load(self) -> Array:
         """The load vector (f_h, phi_i), (n,)."""
-        return load_vector(self.mesh, self.moments())
+        load = np.zeros(self.mesh.n_nodes)
+        for block in row_blocks(len(self.mesh.triangles)):
+            add_moments(load, self.mesh.triangles[block], self.moments(block))
+        return load
 
     def moments(self, triangles: slice = slice(None)) -> Array:
         """The moments of f_h, and so of p, with the hats of some triangles, or of all, (k, 3)."""
@@ -97,12 +100,11 @@ class Source:
         """Put in f_h and bounds from the ancestors' polynomials on the triangles `triangles` (k,)."""
         mesh = self.mesh
         size = coordinate_scale(mesh)
-        places = np.ascontiguousarray(mesh.points.T)
-        for block in row_blocks(len(triangles), TRIANGLES_PER_BLOCK):
+        for block in row_blocks(len(triangles)):
             some = triangles[block]
             area = mesh.areas[some]
             numbers = ancestors.numbers[some]
-            corners = places[:, mesh.triangles[some].T]
+            corners = corner_coordinates(mesh.points, mesh.triangles[some])
             f_h, squares = project_polynomials(corners, ancestors.polynomials, numbers)
             # E_T = |T|^{1/2} remainder, also on gaps that rounding leaves beside T; 3 d is over T's perimeter
             outer = widen_areas(area, 3 * mesh.longest_edges[some], size)
@@ -132,7 +134,7 @@ def enclose_function(
     `length_scale` see `relative_mesh_size`.
     """
     n = len(mesh.triangles)
-    source = Source(mesh, np.empty((n, 3)), *np.empty((3, n)))
+    source = Source(mesh, np.empty((n, 3), order="F"), *np.empty((3, n)))
     ancestors = None
     sums = PieceSums()
     # triangles that were not refined keep their numbers; all others are new to the search, and overwritten

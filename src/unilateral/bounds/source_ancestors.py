@@ -51,8 +51,6 @@ By `_coefficient_matrices` a monomial is off by 10, and so is an entry of the fi
 its own five operations on numbers up to 3.5, by 64; the products add 7.5 times 3.5, the mean 8: 98 and, with
 f_h, 162.
 """
-TRIANGLES_PER_BLOCK = 1 << 11
-"""This many triangles are treated together: the numbers at their points fit into a processor's cache."""
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 TARGET_REMAINDER_RATIO = 0.003
@@ -103,15 +101,17 @@ def _frame(a: Array, u: Array, v: Array) -> Array:
     return np.stack([e[1] * scale, -e[0] * scale, -d[1] * scale, d[0] * scale, *(0.5 * (u + v))])
 
 
-def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32) -> tuple[Array, Array]:
+def project_polynomials(
+    corners: tuple[Array, Array], polynomials: Polynomials, numbers: Int32
+) -> tuple[Array, Array]:
     """The L2 projection f_h of p at the corners of each triangle, and the mean of (p - f_h)^2 there.
 
-    The triangles have the `corners` (2, 3, k), and `numbers` (k,) says which p is known on each. Where
-    refinement was uniform, triangles in a row lie alike in those around them: one matrix serves a run.
+    The triangles have the `corners`, x and y, (3, k) each, and `numbers` (k,) says which p is known on each.
+    Where refinement was uniform, triangles in a row lie alike in those around them: one matrix serves a run.
     """
     # the corners in p's variables are exact multiples of the grid step, so that equal ones can be told
-    places = np.concatenate(corner_variables(corners, polynomials.frame[:, numbers]))
-    c = polynomials.c[:, numbers]
+    places = np.concatenate(corner_variables(corners, polynomials.frame.take(numbers, axis=1)))
+    c = polynomials.c.take(numbers, axis=1)
     change = np.flatnonzero((places[:, 1:] != places[:, :-1]).any(axis=0)) + 1
     if MIN_RUN_LENGTH * (len(change) + 1) > len(numbers):
         return _project_each(places, c)
@@ -150,8 +150,8 @@ def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
     return to_f_h, np.sqrt(weights)[:, None] * (monomials - hats @ to_f_h)
 
 
-def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """The exact variables of p, (3, k) each, at the `corners` (2, 3, k) of triangles; `frame` is of p."""
+def corner_variables(corners: tuple[Array, Array], frame: Array) -> tuple[Array, Array]:
+    """The exact variables of p, (3, k) each, at the `corners` of triangles, x and y; `frame` is of p."""
     xx, xy, yx, yy, *middle = frame
     x = corners[0] - middle[0]
     y = corners[1] - middle[1]

@@ -16,34 +16,36 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Int32, Mask, row_blocks
 from unilateral.fem.form import H1, Form
-from unilateral.geometry.refinement import Triangulation
+from unilateral.geometry.plane import corner_coordinates
+from unilateral.geometry.refinement import CYCLIC_CORNERS, Triangulation
 
 MATRIX_ROWS_PER_BLOCK = 1 << 17
 """This many rows of a matrix are made at a time: with their triangles they take some 90 MB."""
 
 
 def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Array]:
-    """The products of the hats' gradients (T, 3), by edges, and the areas (T,) of the `triangles` (T, 3).
+    """The products of the hats' gradients (3, T), by edges, and the areas (T,) of the `triangles` (T, 3).
 
     Product i is (e_j . e_k) / (4 |T|), of the hats at the ends of the edge opposite to node i.
     """
-    stiffness = np.empty(triangles.shape)
+    stiffness = np.empty(triangles.T.shape)
     area = np.empty(len(triangles))
     for block in row_blocks(len(triangles)):
-        (x, y) = points.T[:, triangles[block].T]
+        x, y = corner_coordinates(points, triangles[block])
         # (e_i, f_i) is the edge opposite to node i: |T| = e_2 x e_0 / 2, and e_j . e_k / (4 |T|)
-        e = x[[2, 0, 1]] - x[[1, 2, 0]]
-        f = y[[2, 0, 1]] - y[[1, 2, 0]]
-        area[block] = 0.5 * (e[2] * f[0] - f[2] * e[0])
-        product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
-        stiffness[block] = (0.25 * product / area[block]).T
+        e = [x[k] - x[j] for _, j, k in CYCLIC_CORNERS]
+        f = [y[k] - y[j] for _, j, k in CYCLIC_CORNERS]
+        twice_area = e[2] * f[0] - f[2] * e[0]
+        area[block] = 0.5 * twice_area
+        for i, j, k in CYCLIC_CORNERS:
+            np.divide(e[j] * e[k] + f[j] * f[k], 2 * twice_area, out=stiffness[i, block])
     return stiffness, area
 
 
 def _edge_entries(points: Array, triangles: Int32, form: Form) -> tuple[Array, Array]:
-    """Each triangle's contributions (T, 3) to the matrix entries of its edges, and the areas (T,)."""
+    """Each triangle's contributions (3, T) to the matrix entries of its edges, and the areas (T,)."""
     stiffness, area = edge_stiffness_and_areas(points, triangles)
-    return form.k * stiffness + (form.c * area / 12)[:, None], area
+    return form.k * stiffness + form.c / 12 * area, area
 
 
 def assemble_by_edges(
@@ -58,8 +60,9 @@ def assemble_by_edges(
     edge_values = np.zeros(len(triangulation.ends))
     for block in row_blocks(len(triangulation.nodes)):
         entries, area = _edge_entries(points, triangulation.nodes[block], form)
-        np.add.at(mass, triangulation.nodes[block].ravel(), np.repeat(area / 3, 3))
-        np.add.at(edge_values, triangulation.edges[block].ravel(), entries.ravel())
+        for corner in range(3):
+            np.add.at(mass, triangulation.nodes[block, corner], area / 3)
+            np.add.at(edge_values, triangulation.edges[block, corner], entries[corner])
     # rows of the stiffness add up to 0: what the diagonal has is c (1, phi_i)_0 less the entries beside it
     sums = form.c * mass
     diagonal = sums.copy()
@@ -122,7 +125,7 @@ def _assemble_row_block(
     # the next corner i + 1 lies on the edge opposite to i + 2, the last one i + 2 on that opposite to i + 1
     for step, opposite in ((1, 2), (2, 1)):
         columns = triangles[triangle, (corner + step) % 3]
-        values = edge_values[triangle, (corner + opposite) % 3]
+        values = edge_values[(corner + opposite) % 3, triangle]
         np.subtract.at(diagonal, rows, values)
         values = np.where(fixed[columns] | fixed[row_nodes[rows]], 0.0, values)
         off_diagonal = off_diagonal + _csr_from_distinct_entries(values, rows, columns, shape)

@@ -15,6 +15,7 @@ from unilateral.fem.form import H1, Form
 from unilateral.fem.quadrature import triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
+from unilateral.geometry.plane import corner_coordinates
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
@@ -54,7 +55,15 @@ def assemble_matrix(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
 
 def load_vector(mesh: Mesh, moments: Array) -> Array:
     """The load (f, phi_i), from the moments of f against each triangle's hats; shape (n,)."""
-    return np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points)).astype(float)
+    load = np.zeros(mesh.n_nodes)
+    add_moments(load, mesh.triangles, moments)
+    return load
+
+
+def add_moments(load: Array, triangles: Index, moments: Array) -> None:
+    """Add the moments (k, 3) of some triangles (k, 3) to the load (n,), in place."""
+    for nodes, nodal_moments in zip(triangles.T, moments.T, strict=True):
+        np.add.at(load, nodes, nodal_moments)
 
 
 def mesh_blocks(mesh: Mesh) -> Iterator[Mesh]:
@@ -67,7 +76,7 @@ def assemble_load_by_blocks(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Arr
     """The load (f, phi_i), from the moments of f on one block of triangles after another; shape (n,)."""
     values = np.zeros(mesh.n_nodes)
     for block in mesh_blocks(mesh):
-        np.add.at(values, block.triangles, moments(block))
+        add_moments(values, block.triangles, moments(block))
     return values
 
 
@@ -175,11 +184,14 @@ def energy_norm(mesh: Mesh, v: Array, form: Form = H1) -> float:
     square = 0.0
     for block in row_blocks(len(mesh.triangles)):
         nodal = v.take(mesh.triangles[block].T) / unit
-        (x, y) = mesh.points.T[:, mesh.triangles[block].T]
-        # (2 |T| grad v)_j, turned: the sum of v_i times the opposite edge; and the mean of v^2 over T
-        differences = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
+        x, y = corner_coordinates(mesh.points, mesh.triangles[block])
+        # 2 |T| grad v, turned, from differences to the first node; and the mean of v^2 over T
+        rise_1 = nodal[1] - nodal[0]
+        rise_2 = nodal[2] - nodal[0]
+        along_x = rise_1 * (x[2] - x[0]) - rise_2 * (x[1] - x[0])
+        along_y = rise_1 * (y[2] - y[0]) - rise_2 * (y[1] - y[0])
+        gradient_squares = 0.25 * (along_x**2 + along_y**2) / mesh.areas[block]
         mean_squares = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
-        gradient_squares = 0.25 * (differences[0] ** 2 + differences[1] ** 2) / mesh.areas[block]
         square += form.k * float(np.sum(gradient_squares))
         square += form.c * float(mesh.areas[block] @ mean_squares)
     return unit * math.sqrt(square)

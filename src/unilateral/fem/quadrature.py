@@ -21,6 +21,7 @@ from unilateral.arrays import Array, Index, row_blocks
 from unilateral.fem.splitting import SingularPieces, split_triangles
 from unilateral.geometry.curves import SingularPoint
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.plane import corner_coordinates
 from unilateral.geometry.polygon import Polygon
 
 if TYPE_CHECKING:
@@ -172,17 +173,22 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     If no `degree` is given it is TRIANGLE_DEGREE, or FINE_MESH_DEGREE on whole triangles of a fine mesh.
     """
     corners, parent, singular = split_triangles(mesh, case)
-    split = np.concatenate([parent, *[group.pieces.parent for group in singular]])
-    whole_triangles = np.setdiff1d(np.arange(len(mesh.triangles)), split)
+    is_whole = np.ones(len(mesh.triangles), dtype=bool)
+    is_whole[np.concatenate([parent, *[group.pieces.parent for group in singular]])] = False
+    whole_triangles = np.flatnonzero(is_whole)
     # on so fine a mesh the lower degree leaves less than 2e-11; a kink that has a radius is a cutoff's
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     is_fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
     whole_degree = degree or (FINE_MESH_DEGREE if is_fine else TRIANGLE_DEGREE)
     piece_degree = degree or TRIANGLE_DEGREE
     # whole triangles; then pieces at kinks; then pieces with a singular point as their first corner
+    points, weights = symmetric_rule(whole_degree)
     for block in row_blocks(len(whole_triangles)):
-        unit_corners = np.broadcast_to(np.eye(3), (len(whole_triangles[block]), 3, 3))
-        yield _place_rule(mesh, unit_corners, whole_triangles[block], *symmetric_rule(whole_degree))
+        triangles = whole_triangles[block]
+        barycentric = np.broadcast_to(points, (len(triangles), *points.shape))
+        x, y = corner_coordinates(mesh.points, mesh.triangles[triangles])
+        places = np.stack([(points @ x).T, (points @ y).T], axis=-1).reshape(-1, 2)
+        yield TriangleRule(triangles, barycentric, np.outer(mesh.areas[triangles], weights), places)
     for block in row_blocks(len(parent)):
         yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
     for group in singular:

@@ -41,7 +41,8 @@ def distortion_bounds(node_shifts: Array, triangles: Index, longest_edges: Array
     coordinates.
     """
     # epsilon_T = sum_j delta_j |grad phi_j|, |grad phi_j| <= longest edge / (2 |T|) (Proposition S7)
-    return (0.5 * node_shifts[triangles].sum(axis=1) + 4 * EPS * longest_edges) * longest_edges / areas
+    shifts = np.add.reduce([node_shifts.take(nodes) for nodes in triangles.T])
+    return np.asarray((0.5 * shifts + 4 * EPS * longest_edges) * longest_edges / areas)
 
 
 def check_distortion(polygon: Polygon, points: Array, triangles: Index, distortion: Array) -> None:

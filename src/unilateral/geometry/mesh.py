@@ -116,7 +116,7 @@ class Mesh:
     @cached_property
     def enclosing_circles(self) -> tuple[Array, Array]:
         """Centroids (m, 2) of the triangles, and radii (m,) of the circles about them that contain them."""
-        return centroid_circles(self.points[self.triangles])
+        return centroid_circles(self.points.take(self.triangles, axis=0))
 
     @cached_property
     def areas(self) -> Array:

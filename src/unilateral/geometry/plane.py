@@ -18,14 +18,21 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
     directions = ends - starts
     offsets = points[:, None] - starts
     t = np.clip(np.sum(offsets * directions, axis=2) / np.sum(directions**2, axis=1), 0, 1)
-    return np.hypot(*np.moveaxis(offsets - t[..., None] * directions, 2, 0))
+    apart = offsets - t[..., None] * directions
+    return np.hypot(apart[..., 0], apart[..., 1])
+
+
+def corner_coordinates(points: Array, triangles: Index) -> tuple[Array, Array]:
+    """x and y of the corners of triangles (k, 3), (3, k) each; `take` reads points several times faster."""
+    corners = points.take(triangles.T, axis=0)
+    return corners[..., 0], corners[..., 1]
 
 
 def signed_areas(points: Array, triangles: Index) -> Array:
     """Areas of the triangles, negative where the nodes run clockwise, (m,)."""
     areas = np.empty(len(triangles))
     for block in row_blocks(len(areas)):
-        x, y = points.T[:, triangles[block].T]
+        x, y = corner_coordinates(points, triangles[block])
         areas[block] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
     return areas
 
@@ -34,16 +41,18 @@ def longest_edges(points: Array, triangles: Index) -> Array:
     """The length of the longest edge of each triangle, (m,)."""
     longest = np.empty(len(triangles))
     for block in row_blocks(len(longest)):
-        x, y = points.T[:, triangles[block].T]
-        longest[block] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
+        x, y = corner_coordinates(points, triangles[block])
+        lengths = [np.hypot(x[i] - x[j], y[i] - y[j]) for i, j in ((1, 0), (2, 1), (0, 2))]
+        longest[block] = np.maximum(np.maximum(lengths[0], lengths[1]), lengths[2])
     return longest
 
 
 def centroid_circles(vertices: Array) -> tuple[Array, Array]:
     """The centroids (k, 2) of triangles with `vertices` (k, 3, 2), and how far (k,) a vertex is at most."""
-    centre = vertices.mean(axis=1)
-    offsets = vertices - centre[:, None]
-    return centre, np.hypot(offsets[..., 0], offsets[..., 1]).max(axis=1)
+    a, b, c = np.moveaxis(vertices, 1, 0)
+    centre = (a + b + c) / 3
+    distances = [np.hypot(*(corner - centre).T) for corner in (a, b, c)]
+    return centre, np.maximum(np.maximum(distances[0], distances[1]), distances[2])
 
 
 def first_crossing(vertices: Array) -> tuple[int, int] | None:

@@ -24,6 +24,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from unilateral.arrays import Array, Index, Int16, Int32, Mask
+from unilateral.geometry.plane import corner_coordinates
 
 TriangleValues = TypeVar("TriangleValues", Array, Int16, Int32, Mask)
 
@@ -193,8 +194,8 @@ def _cut_triangles(triangulation: Triangulation, midpoints: Int32, n_edges: int)
     c = len(parents) + e
     new = NewTriangles(
         np.empty(c, np.int32),
-        np.empty((c, 3), np.int32),
-        np.empty((c, 3), np.int32),
+        np.empty((c, 3), np.int32, order="F"),
+        np.empty((c, 3), np.int32, order="F"),
         np.empty(c, np.int32),
         np.empty(c, np.int16),
         np.empty((e, 2), np.int32),
@@ -202,10 +203,12 @@ def _cut_triangles(triangulation: Triangulation, midpoints: Int32, n_edges: int)
     row = 0
     for kind, interior_ends in enumerate(INTERIOR_EDGES):
         family = np.flatnonzero(kinds == kind)
-        inside = first_interior[family][:, None] + np.arange(len(interior_ends), dtype=np.int32)
-        nodes, halves = _local_numbering(triangulation, parents[family], midpoints)
-        new.interior_edges[inside] = nodes[:, np.array(interior_ends)]
-        edges = np.concatenate([halves, n_edges + inside], axis=1)
+        nodes, edges = _local_numbering(triangulation, parents[family], midpoints)
+        for i, (start, end) in enumerate(interior_ends):
+            inside = first_interior[family] + np.int32(i)
+            new.interior_edges[inside, 0] = nodes[start]
+            new.interior_edges[inside, 1] = nodes[end]
+            edges.append(n_edges + inside)
         row = _add_children(new, row, kind, parents[family], nodes, edges)
     # Children without a number, all but the first of each parent, get the next free ones
     new.triangles[new.triangles < 0] = len(triangulation.nodes) + np.arange(e)
@@ -217,43 +220,50 @@ def _find_cut_triangles(triangulation: Triangulation, midpoints: Int32) -> tuple
 
     Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red; edge 0 always is halved.
     """
-    beside = triangulation.edge_triangles[midpoints >= 0]
-    is_cut = np.zeros(len(triangulation.nodes), dtype=bool)
-    is_cut[beside[beside >= 0]] = True
-    parents = np.flatnonzero(is_cut).astype(np.int32)
-    halved = midpoints[triangulation.edges[parents]] >= 0
-    return parents, (halved[:, 2] + 2 * halved[:, 1]).astype(np.int16)
+    # The last place is for no triangle, -1, beside edges at the boundary
+    is_cut = np.zeros(len(triangulation.nodes) + 1, dtype=bool)
+    is_cut[triangulation.edge_triangles[midpoints >= 0]] = True
+    parents = np.flatnonzero(is_cut[:-1]).astype(np.int32)
+    ca_halved = midpoints[triangulation.edges[parents, 1]] >= 0
+    ab_halved = midpoints[triangulation.edges[parents, 2]] >= 0
+    return parents, ab_halved + np.int16(2) * ca_halved
 
 
-def _add_children(new: NewTriangles, row: int, kind: int, parents: Int32, nodes: Int32, edges: Int32) -> int:
+def _add_children(
+    new: NewTriangles, row: int, kind: int, parents: Int32, nodes: list[Int32], edges: list[Int32]
+) -> int:
     """Writes the children of all parents (p,) of one kind into `new` from a row on, and returns the next row.
 
-    `nodes` (p, 6) and `edges` (p, 9 and those inside) are numbered as in CHILD_TRIANGLES. The first child
-    takes its parent's number, the others get -1 here.
+    `nodes` and `edges`, (p,) each, are numbered as in CHILD_TRIANGLES. The first child takes its parent's
+    number, the others get -1 here.
     """
     for child, (child_nodes, child_edges) in enumerate(CHILD_TRIANGLES[kind]):
         rows = slice(row, row + len(parents))
         new.triangles[rows] = -1 if child else parents
-        new.nodes[rows] = nodes[:, child_nodes]
-        new.edges[rows] = edges[:, child_edges]
+        for corner in range(3):
+            new.nodes[rows, corner] = nodes[child_nodes[corner]]
+            new.edges[rows, corner] = edges[child_edges[corner]]
         new.parent[rows] = parents
         new.halvings_from_parent[rows] = CHILD_AREA_HALVINGS[kind][child]
         row += len(parents)
     return row
 
 
-def _local_numbering(triangulation: Triangulation, parents: Int32, midpoints: Int32) -> tuple[Int32, Int32]:
-    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES."""
-    # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
-    nodes = triangulation.nodes[parents]
-    edges = triangulation.edges[parents]
-    ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
+def _local_numbering(
+    triangulation: Triangulation, parents: Int32, midpoints: Int32
+) -> tuple[list[Int32], list[Int32]]:
+    """Corners and midpoints, and edges and halves of edges, (p,) each, in the order of CHILD_TRIANGLES."""
+    corners = [nodes[parents] for nodes in triangulation.nodes.T]
+    edges = [edges[parents] for edges in triangulation.edges.T]
     # What edges that stay have for midpoints and halves is of no use to any child
-    second = midpoints[edges] + (len(triangulation.ends) - triangulation.n_nodes)
-    next_half = np.where(ahead, edges, second)
-    last_half = np.where(ahead, second, edges)
-    halves = np.stack([next_half, last_half], axis=2).reshape(-1, 6)
-    return np.concatenate([nodes, midpoints[edges]], axis=1), np.concatenate([edges, halves], axis=1)
+    middles = [midpoints[edge] for edge in edges]
+    halves = []
+    for edge, middle, next_corner in zip(edges, middles, [*corners[1:], corners[0]], strict=True):
+        # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
+        ahead = triangulation.ends[:, 0][edge] == next_corner
+        second = middle + np.int32(len(triangulation.ends) - triangulation.n_nodes)
+        halves += [np.where(ahead, edge, second), np.where(ahead, second, edge)]
+    return corners + middles, edges + halves
 
 
 def _replace_triangles(
@@ -273,8 +283,10 @@ def _replace_triangles(
     edge_triangles = np.full((len(ends), 2), -1, dtype=np.int32)
     edge_triangles[:E] = triangulation.edge_triangles
     edge_triangles[halved] = -1
-    reverse = ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
-    edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    for opposite, after, _ in CYCLIC_CORNERS:
+        edge = new.edges[:, opposite]
+        reverse = ends[:, 0][edge] != new.nodes[:, after]
+        edge_triangles[edge, reverse.view(np.int8)] = new.triangles
     # Boundary edges run with the boundary, so that the first half comes before the second
     boundary = triangulation.boundary_edges
     halved_places = np.flatnonzero(midpoints[boundary] >= 0)
@@ -306,9 +318,9 @@ def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Tri
     after = np.roll(boundary, -1).astype(np.int64)
     boundary_key = np.minimum(boundary, after) * len(points) + np.maximum(boundary, after)
     boundary_edges = np.searchsorted(keys, boundary_key).astype(np.int32)
-    edges = edge.reshape(-1, 3).astype(np.int32)
+    edges = edge.reshape(-1, 3).astype(np.int32, order="F")
     return Triangulation(
-        len(points), nodes.astype(np.int32), edges, ends, edge_triangles, boundary_edges, alike
+        len(points), nodes.astype(np.int32, order="F"), edges, ends, edge_triangles, boundary_edges, alike
     )
 
 
@@ -320,7 +332,7 @@ def rotate_corners(points: Array, triangles: Index) -> Index:
 
 def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
     """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3)."""
-    x, y = points.T[:, triangles.T]
+    x, y = corner_coordinates(points, triangles)
     opposite = np.hypot(x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]])
     first = np.argmax(opposite > (1 - LONGEST_EDGE_TOLERANCE) * opposite.max(axis=0), axis=0)
     return np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)

@@ -13,7 +13,15 @@ import unilateral as ul
 from unilateral.bounds.certain_contact import ContactProof, Verdict, find_certain_contact
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import Source
-from unilateral.bounds.super_means import RADIUS_RATIO, W_NORM, Arc, ErrorBounds, SuperMeans, select_along
+from unilateral.bounds.super_means import (
+    RADIUS_RATIO,
+    W_NORM,
+    Arcs,
+    ErrorBounds,
+    SuperMeans,
+    list_ranges,
+    select_along,
+)
 from unilateral.fem.form import Form
 from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import Polygon
@@ -26,6 +34,16 @@ KNOWN_CASES = ["natural", "clamped", "vertex"]
 KNOWN_LEVELS = (16, 32, 64)
 SQUARE = Polygon([(0, 0), (1, 0), (1, 1), (0, 1)], "square")
 L_SHAPE = Polygon([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], "l")
+
+
+def make_arcs(polygon, *ends):
+    """Arcs of side 0 from pairs of arc lengths."""
+    start, end = np.array(ends).T
+    return Arcs(polygon, 0, start, end)
+
+
+BOTTOM = make_arcs(SQUARE, (0.0, 1.0))
+ONE_ARC = make_arcs(SQUARE, (0.4375, 0.5))
 
 
 def integrate(f):
@@ -63,23 +81,30 @@ def means_with(errors, k=1.0, c=0.0):
     n = len(mesh.triangles)
     source = Source(mesh, np.full((n, 3), 3.0), np.zeros(n), np.zeros(n), 1.5 * np.sqrt(mesh.areas))
     data = SimpleNamespace(mesh=mesh, source=source)
-    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors, np.arange(n))
+    return SuperMeans(data, np.ones(mesh.n_nodes), Form(k=k, c=c), errors, BOTTOM, np.arange(n))
 
 
 def means_of(mesh, u_h):
     """Means of u_h on a mesh, with all its triangles in the layer."""
     errors = ErrorBounds(0.0, 0.0, 0.0)
-    return SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), errors, np.arange(len(mesh.triangles)))
-
-
-ONE_ARC = Arc(SQUARE, 0, 0.4375, 0.5)
+    layer = np.arange(len(mesh.triangles))
+    return SuperMeans(SimpleNamespace(mesh=mesh), u_h, Form(), errors, BOTTOM, layer)
 
 
 def test_an_arc_meets_the_intervals_in_which_a_part_of_it_lies():
     """By hand: an end in the middle of an interval, at its end, and both ends in one."""
     points = np.array([0.0, 0.25, 0.5, 1.0])
-    for start, end, first, last in ((0.1, 0.3, 0, 1), (0.0, 0.25, 0, 0), (0.25, 0.5, 1, 1), (0.3, 0.4, 1, 1)):
-        assert Arc(SQUARE, 0, start, end).find_intervals(points) == slice(first, last + 1)
+    arcs = make_arcs(SQUARE, (0.1, 0.3), (0.0, 0.25), (0.25, 0.5), (0.3, 0.4))
+    first, end = arcs.find_intervals(points)
+    assert first.tolist() == [0, 0, 1, 1]
+    assert end.tolist() == [2, 1, 2, 2]
+
+
+def test_ranges_are_listed_one_after_another():
+    """By hand, with an empty one."""
+    numbers, owner = list_ranges(np.array([3, 5, 0]), np.array([5, 5, 3]))
+    assert numbers.tolist() == [3, 4, 0, 1, 2]
+    assert owner.tolist() == [0, 0, 2, 2, 2]
 
 
 def test_the_part_of_the_error_is_bounded_by_two_fields():
@@ -92,13 +117,13 @@ def test_the_part_of_the_error_is_bounded_by_two_fields():
         return (1 - (1 - min(t / q, 1)) ** 3 - t) ** 2 / t
 
     field = math.sqrt(quad(integrand, 0, 1, points=[q], limit=200)[0] / (2 * math.pi))
-    bound = means_with(ErrorBounds(1.0, 0.0, 0.0), k=4)._error_loss(radius, R)
+    bound = means_with(ErrorBounds(1.0, 0.0, 0.0), k=4)._bound_error_losses(radius, R)
     assert field / 2 <= bound <= 1.1 * field / 2
     # the norm of 2 / (pi R^2) over the half disc, whose area is pi R^2 / 2
     kappa = 2 / (math.pi * R**2) * math.sqrt(math.pi * R**2 / 2)
-    assert means_with(ErrorBounds(0.0, 1.0, 0.0))._error_loss(radius, R) == pytest.approx(kappa)
+    assert means_with(ErrorBounds(0.0, 1.0, 0.0))._bound_error_losses(radius, R) == pytest.approx(kappa)
     # for c > 0 int W e comes to it
-    loss = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._error_loss(radius, R)
+    loss = means_with(ErrorBounds(1.0, 0.5, 0.0), k=1, c=4)._bound_error_losses(radius, R)
     assert loss == pytest.approx(2 * bound + kappa / 2 + 4 * W_NORM * 0.1 * 0.5)
 
 
@@ -106,40 +131,38 @@ def test_all_triangles_that_half_discs_of_an_arc_meet_are_near_it():
     """Those with a node in a half disc about an end or the midpoint, and those near halves; not all."""
     mesh = make_structured_mesh(SQUARE, 1 / 64)
     means = means_of(mesh, np.ones(mesh.n_nodes))
-    every = np.arange(len(mesh.triangles))
-    near = means.select_near(ONE_ARC, every)
+    near, _ = means.select_near(ONE_ARC)
     radius = RADIUS_RATIO * ONE_ARC.half_length
     for s in (ONE_ARC.start, ONE_ARC.middle, ONE_ARC.end):
-        inside = np.hypot(*(mesh.points - [s, 0]).T) <= radius
+        inside = np.hypot(*(mesh.points - [s[0], 0]).T) <= radius
         assert set(np.flatnonzero(inside[mesh.triangles].any(axis=1))) <= set(near)
-    for half in ONE_ARC.halve():
-        assert set(means.select_near(half, every)) <= set(near)
-    assert len(near) < len(every) / 8
+    assert set(means.select_near(ONE_ARC.halve())[0]) <= set(near)
+    assert set(means.select_near(ONE_ARC.halve())[1]) == {0, 1}
+    assert len(near) < len(mesh.triangles) / 8
 
 
 def test_the_layer_along_a_side_has_all_that_half_discs_of_short_arcs_meet():
     """Of arcs with 8 edges; but not the whole mesh. Of a side with fewer edges the whole side counts."""
     mesh = make_structured_mesh(SQUARE, 1 / 128)
-    side = Arc(SQUARE, 0, 0.0, 1.0)
-    layer = select_along(mesh, side, 8)
+    layer = select_along(mesh, BOTTOM, 8)
     means = means_of(mesh, np.ones(mesh.n_nodes))
     for start in (0.0, 0.3, 120 / 128):
-        arc = Arc(SQUARE, 0, start, start + 8 / 128)
+        arc = make_arcs(SQUARE, (start, start + 8 / 128))
         distance = np.hypot(*(mesh.points - arc.centre).T)
         inside = distance <= (RADIUS_RATIO + 1) * arc.half_length
         met = np.flatnonzero(inside[mesh.triangles].any(axis=1))
-        assert set(met) <= set(layer) & set(means.select_near(arc, np.arange(len(mesh.triangles))))
+        assert set(met) <= set(layer) & set(means.select_near(arc)[0])
     assert len(layer) < len(mesh.triangles) / 3
-    assert len(select_along(mesh, side, 200)) == len(mesh.triangles)
+    assert len(select_along(mesh, BOTTOM, 200)) == len(mesh.triangles)
 
 
 def test_the_part_of_the_source():
     """f - c u = 3 - 1 on all triangles, so rho^2 / 16 times 2 / k is gained; the rest is lost by its norm."""
     means = means_with(ErrorBounds(0.0, 0.0, 0.0), k=2, c=1)
     mesh = means.data.mesh
-    disc = means.make_half_disc(ONE_ARC, 0.1, means.select_near(ONE_ARC, np.arange(len(mesh.triangles))))
+    disc = means.make_half_discs(ONE_ARC, np.array([0.1]), *means.select_near(ONE_ARC))
     area = mesh.areas[disc.triangle].sum()
-    loss = means._source_loss(disc)
+    loss = means._bound_source_losses(disc)
     assert loss == pytest.approx((W_NORM * 0.1 * 1.5 * math.sqrt(area) - 0.01 / 16 * 2) / 2, rel=1e-6)
     assert area > math.pi * 0.1**2 / 2
 
@@ -152,7 +175,7 @@ def test_the_force_on_a_tent(k, c):
     norm = math.sqrt(k * math.pi / 2 + c * math.pi / 12 / 32**2)
     for E in (0.0, 0.1):
         means = means_with(ErrorBounds(0.0, 0.0, E), k=k, c=c)
-        bound = ContactProof(means, cells, middle).bound_tent(ONE_ARC)
+        bound = ContactProof(means, cells, middle).bound_tents(ONE_ARC)
         assert bound == pytest.approx(15 / 32 / 32 - E * norm, abs=1e-9)
         assert bound <= 15 / 32 / 32 - E * norm + 1e-15
 
@@ -171,10 +194,10 @@ def test_no_side_is_nearer_than_an_arc_is_clear(polygon):
     boundary = polygon.at(sides, places - polygon.starts[sides])
     for side, share in np.ndindex(polygon.n_sides, 3):
         start = polygon.starts[side] + (0.3, 0.5, 0.62)[share] * polygon.lengths[side]
-        arc = Arc(polygon, side, start, start + 0.03 * polygon.lengths[side])
+        arc = Arcs(polygon, side, np.array([start]), np.array([start + 0.03 * polygon.lengths[side]]))
         distances = [
             np.hypot(*(boundary[sides != side] - polygon.at(np.array([side]), np.array([s]))).T).min()
-            for s in np.linspace(arc.start, arc.end, 5) - polygon.starts[side]
+            for s in np.linspace(arc.start[0], arc.end[0], 5) - polygon.starts[side]
         ]
         assert max(distances) - arc.end + arc.start - 2e-3 < arc.clearance <= min(distances)
 
@@ -186,7 +209,7 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
     """Against 100 x 100 points of each half disc: of rough u_h, and of one with a kink, nearly met."""
     mesh = make_structured_mesh(SQUARE, 1 / n)
     rng = np.random.default_rng(50)
-    arc = Arc(SQUARE, 0, 0.5 - half, 0.5 + half)
+    arc = make_arcs(SQUARE, (0.5 - half, 0.5 + half))
     r = (np.arange(100) + 0.5) / 100
     angle = r * math.pi
     weight = np.repeat(omega(r**2) * r * math.pi / 100 / 100, 100)
@@ -195,13 +218,31 @@ def test_a_mean_is_not_above_that_about_any_point_of_the_arc(n, radius, half, ro
         u_h = -np.abs(mesh.points[:, 0] - 0.5) + roughness * rng.standard_normal(mesh.n_nodes)
         means = means_of(mesh, u_h)
         near = mesh.areas > 0 if n < 64 else np.hypot(*(mesh.enclosing_circles[0] - arc.centre).T) < 0.2
-        mean, slope = means.make_half_disc(arc, radius, np.flatnonzero(near)).bound_mean()
+        near_triangles = np.flatnonzero(near)
+        half_disc = means.make_half_discs(arc, np.array([radius]), near_triangles, 0 * near_triangles)
+        (mean,), (slope,) = half_disc.bound_means()
         excesses = []
         for s in np.linspace(-half, half, 3):
             values = evaluate_at_points(mesh, disc + np.array([0.5 + s, 0]), partial(evaluate_u_h, mesh, u_h))
             excesses.append(weight @ values - slope * s - mean)
         assert min(excesses) > -2e-3
     assert roughness or max(excesses) < 0.07
+
+
+def test_half_discs_are_bounded_together_as_each_by_itself():
+    """Of 40 arcs of several lengths, so that there are several blocks; -inf where no half disc fits."""
+    solution = ul.solve("natural", h=1 / 32, H=1 / 16).bounded
+    side = make_arcs(solution.mesh.polygon, (0.0, 1.0))
+    errors = ErrorBounds(0.1, 0.1, 0.1)
+    layer = select_along(solution.mesh, side, 8)
+    means = SuperMeans(solution.data, solution.u_h, solution.form, errors, side, layer)
+    starts = np.linspace(0, 0.95, 39)
+    longer = make_arcs(side.polygon, (0.0, 1.0), *zip(starts, starts + 0.05, strict=True))
+    for arcs in (longer, longer.halve()):
+        together = means.bound_gaps(arcs)
+        separately = [means.bound_gaps(arcs.select([k]))[0] for k in range(len(together))]
+        np.testing.assert_allclose(together, separately, rtol=1e-12)
+        assert 0 < np.count_nonzero(together == -math.inf) < len(together) / 2
 
 
 @pytest.mark.parametrize("slope", [0.0, -2.0])
@@ -223,11 +264,11 @@ def test_without_errors_only_the_moment_of_the_weight_is_lost(slope):
     d = ul.solve(problem, h=1 / 16, H=1 / 8).bounded
     u_h = 1 + d.mesh.points @ [1.0, slope]
     layer = np.arange(len(d.mesh.triangles))
-    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0), layer)
+    side = make_arcs(problem.polygon, (0.0, 1.0))
+    means = SuperMeans(d.data, u_h, d.form, ErrorBounds(0.0, 0.0, 0.0), side, layer)
     expected = 0.5 + slope * 32 * 0.125 / (35 * math.pi)
     for start in (0.25, 0.5):
-        arc = Arc(problem.polygon, 0, start, start + 0.0625)
-        gap = means.bound_gap(arc, layer)
+        (gap,) = means.bound_gaps(make_arcs(problem.polygon, (start, start + 0.0625)))
         assert gap == pytest.approx(expected, abs=1e-6)
         assert gap <= expected
 

@@ -425,7 +425,7 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
 
 def test_memory_is_proportional_to_the_mesh():
     """The result has 64 bytes a triangle; with numbers of blocks and of the last coarser level 300."""
-    mesh = make_structured_mesh(square(), 1 / 128)
+    mesh = make_structured_mesh(square(), 1 / 256)
     assert mesh.areas.size == mesh.longest_edges.size
     tracemalloc.start()
     enclose_function(mesh, Source(SMOOTH))
