@@ -278,8 +278,9 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source = enclose_function(mesh, problem.source)
     sigma = np.zeros((len(mesh.boundary), 2))
-    w, q = sharp_bounds.balance_potential(source, np.zeros(mesh.n_nodes), sigma, H1)
-    field = sharp_bounds._build_misfit_field(quadratic_space(mesh), source, w, q, H1)
+    energy = sharp_bounds.build_energy(quadratic_space(mesh), source, H1)
+    w, q = sharp_bounds.balance_potential(source, np.zeros(mesh.n_nodes), sigma, energy)
+    field = sharp_bounds._build_misfit_field(energy.spaces, source, w, q, H1)
     phi = rng.uniform(-1, 1, field.spaces.size)
     curl = linear_square_norms(mesh.areas, field.spaces.gradient(phi))
     extra = field.add_curl(phi).misfit_allowance - field.misfit_allowance

@@ -18,7 +18,7 @@ def spaces(request):
 
 
 def integrate_by_scikit_fem(spaces, v, f):
-    """||grad v||^2, ||v||^2, (f, v) and ((f, -2 f), grad v), f (m, 3) linear on triangles."""
+    """||grad v||^2, ||v||^2, (f, v) and ((2 f, f), curl v), f (m, 3) linear on triangles."""
     mesh = spaces.mesh
     p2 = skfem.Basis(
         skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=6
@@ -36,7 +36,7 @@ def integrate_by_scikit_fem(spaces, v, f):
         lambda w: dot(grad(w.of), grad(w.of)),
         lambda w: w.of**2,
         lambda w: w.f * w.of,
-        lambda w: w.f * (grad(w.of)[0] - 2 * grad(w.of)[1]),
+        lambda w: w.f * (2 * grad(w.of)[1] - grad(w.of)[0]),
     )
     fields = {"of": p2.interpolate(value), "f": dg.interpolate(linear)}
     return [skfem.Functional(form).assemble(p2, **fields) for form in forms]
@@ -47,24 +47,24 @@ def test_products_are_those_of_P2(spaces):
     v = rng.standard_normal(spaces.size)
     f = rng.standard_normal(spaces.mesh.triangles.shape)
     energy, mass, load, along = integrate_by_scikit_fem(spaces, v, f)
-    field = f[..., None] * np.array([1.0, -2.0])
+    field = f[..., None] * np.array([2.0, 1.0])
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
         product = form.k * energy + form.c * mass
-        assert v @ (spaces.matrix(form) @ v) == pytest.approx(product, rel=1e-12)
+        assert v @ spaces.quadratic_form(form).apply(v) == pytest.approx(product, rel=1e-12)
     assert v @ spaces.load(f) == pytest.approx(load, rel=1e-12)
-    assert v @ spaces.gradient_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
+    assert v @ spaces.curl_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
 
 
 def test_products_with_a_field_of_bubbles_follow_from_norms(spaces):
-    """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
+    """By ||curl v + b||^2 - ||curl v - b||^2 = 4 (curl v, b)."""
     rng = np.random.default_rng(2)
     v = rng.standard_normal(spaces.size)
     areas = spaces.mesh.areas
     field = rng.standard_normal((len(areas), 3, 2))
-    slope = spaces.gradient(v)
+    slope = spaces.gradient(v)[..., ::-1] * np.array([1.0, -1.0])
     extra_square_norms = quadratic_square_norms(areas, slope, 1 * field).sum()
     square_norms = quadratic_square_norms(areas, slope, (-1) * field).sum()
-    assert v @ spaces.gradient_load(0 * field, field) == pytest.approx(
+    assert v @ spaces.curl_load(0 * field, field) == pytest.approx(
         (extra_square_norms - square_norms) / 4, rel=1e-12
     )
 
@@ -82,27 +82,48 @@ def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
     assert v @ spaces.edge_load(flux) == pytest.approx(exact, rel=1e-12)
 
 
-def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
+def test_the_form_is_symmetric_and_has_the_squares_of_the_bubbles(spaces):
+    """The squares by products of bubbles with themselves, some of them."""
+    rng = np.random.default_rng(8)
+    v, w = rng.standard_normal((2, spaces.size))
+    form = spaces.quadratic_form(Form(2.0, 300.0))
+    assert v @ form.apply(w) == pytest.approx(w @ form.apply(v), rel=1e-12)
+    for edge in (0, 5, spaces.size - spaces.mesh.n_nodes - 1):
+        bubble = np.zeros(spaces.size)
+        bubble[spaces.mesh.n_nodes + edge] = 1
+        assert form.bubble_squares[edge] == pytest.approx(bubble @ form.apply(bubble), rel=1e-12)
+
+
+def test_functions_vanish_in_contact_and_nowhere_else(spaces):
+    """At boundary nodes and midpoints; free unknowns have the values that are given to them."""
     nodes = spaces.boundary_unknowns[: len(spaces.mesh.boundary)]
     nb = len(spaces.mesh.boundary)
     contact = np.random.default_rng(3).random(2 * nb) < 0.5
-    free = spaces.vanishing_basis(contact)
-    v = free @ np.random.default_rng(4).standard_normal(free.shape[1])
+    functions = spaces.vanishing_functions(contact)
+    x = np.random.default_rng(4).standard_normal(spaces.size)
+    v = functions.extend(x.copy())
     middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.boundary_unknowns[nb:]]
     np.testing.assert_allclose(np.append(v[nodes], middle)[contact], 0, rtol=0, atol=1e-15)
-    assert free.shape[1] == np.linalg.matrix_rank(free.toarray()) == spaces.size - contact.sum()
+    assert np.count_nonzero(functions.is_fixed) == contact.sum()
+    assert np.array_equal(v[~functions.is_fixed], x[~functions.is_fixed])
+
+
+def test_functionals_on_vanishing_functions_are_those_on_all(spaces):
+    """<r, E x> = <E^T r, x> for the map E from free unknowns to functions."""
+    contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
+    functions = spaces.vanishing_functions(contact)
+    x, r = np.random.default_rng(9).standard_normal((2, spaces.size))
+    assert r @ functions.extend(x.copy()) == pytest.approx(functions.restrict(r) @ x, rel=1e-12)
 
 
 def test_some_unknowns_may_be_0_besides(spaces):
     contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
-    other_unknown = spaces.unknowns[0]
-    v = spaces.vanishing_basis(contact, other_unknown) @ np.ones(
-        spaces.vanishing_basis(contact, other_unknown).shape[1]
-    )
-    assert np.all(v[other_unknown] == 0)
-    boundary = spaces.boundary_unknowns[contact]
-    n_fixed = len(np.union1d(boundary, other_unknown))
-    assert spaces.vanishing_basis(contact, other_unknown).shape[1] == spaces.size - n_fixed
+    other_unknowns = spaces.unknowns[0]
+    functions = spaces.vanishing_functions(contact, other_unknowns)
+    v = functions.extend(np.ones(spaces.size))
+    assert np.all(v[other_unknowns] == 0)
+    fixed = np.union1d(spaces.boundary_unknowns[contact], other_unknowns)
+    assert np.array_equal(np.flatnonzero(functions.is_fixed), fixed)
 
 
 def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spaces):
@@ -111,7 +132,7 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
     v[spaces.boundary_unknowns] = rng.standard_normal(len(spaces.boundary_unknowns))
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
         norm = boundary_layer(spaces.mesh).norm(form, *np.split(v[spaces.boundary_unknowns], 2))
-        assert norm**2 == pytest.approx(v @ (spaces.matrix(form) @ v), rel=1e-12)
+        assert norm**2 == pytest.approx(v @ spaces.quadratic_form(form).apply(v), rel=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (0, 3, 2), (4, 3), (4, 3, 2)])
