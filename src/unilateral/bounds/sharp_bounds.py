@@ -111,9 +111,11 @@ def sharp_bound(
 
     # sigma near lambda_H, and the first q: that of `equilibrate_flux` for w, with theta r
     sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
-    energy = build_energy(quadratic_space(mesh), data.source, form)
+    energy = build_energy(mesh, form)
     w, q = balance_potential(data.source, w, sigma.end_values + data.given_flux.end_values, energy)
     field = _build_misfit_field(energy.spaces, data.source, w, q, form)
+    s_prime = _bound_thick_triangles(field, data.given_flux, u_h, q)
+    del q  # its memory is needed for the steps
 
     # y with u_h + y >= g, D = |||y|||, and D_D, the norm of the part of y at clamped sides
     lifting = build_lifting(data.constraint, form, u_h, sigma)
@@ -122,9 +124,10 @@ def sharp_bound(
 
     # a better flux q + curl phi, and v = w + d that its own lift has made feasible
     field, d, v_lift, steps = _improve_flux_and_potential(lifting, energy, field, data.given_flux, y)
+    del energy
 
     # S of u_h and of v (Lemma S18), and Theorem 8 (Proposition S14)
-    u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, q, y, d, v_lift)
+    u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, s_prime, y, d, v_lift)
     distance = sigma.multiplier_distance(mesh, form)
     errors = bound_total_errors(
         mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D_clamped, sigma_distance=distance
@@ -149,28 +152,27 @@ def _lift_norms(lifting: Lifting, y: Lift) -> tuple[float, float]:
 
 
 class Energy(NamedTuple):
-    """P2 on a mesh, its form, the matrix of the form on V_h, and the load (size,) of f_h."""
+    """P2 on a mesh, its form, and the matrix of the form on V_h."""
 
     spaces: QuadraticSpace
     quadratic_form: QuadraticForm
     hat_matrix: HatMatrix
-    source_load: Array
 
-    def residual(self, v: Array, flux: Array) -> Array:
+    def residual(self, v: Array, f_h: Array, flux: Array) -> Array:
         """The residual (f_h, z) + <flux, z> - k (grad v, grad z) - c (v, z) of v (size,); shape (size,).
 
-        z are the basis functions, and the flux (nb, 2) is linear on boundary edges.
+        z are the basis functions. f_h (m, 3) is linear on triangles, and the flux (nb, 2) on boundary edges.
         """
-        residual = self.source_load + self.spaces.edge_load(flux)
+        residual = self.spaces.load(f_h)
+        residual += self.spaces.edge_load(flux)
         residual -= self.quadratic_form.apply(v)
         return residual
 
 
-def build_energy(spaces: QuadraticSpace, source: Source, form: Form) -> Energy:
-    """The energy of a form on P2, and the load of a source."""
-    return Energy(
-        spaces, spaces.quadratic_form(form), build_hat_matrix(spaces.mesh, form), spaces.load(source.f_h)
-    )
+def build_energy(mesh: Mesh, form: Form) -> Energy:
+    """The energy of a form on P2 of a mesh."""
+    spaces = quadratic_space(mesh)
+    return Energy(spaces, spaces.quadratic_form(form), build_hat_matrix(mesh, form))
 
 
 def _improve_flux_and_potential(
@@ -191,20 +193,26 @@ def _improve_flux_and_potential(
 
 
 def _bound_improved_residuals(
-    field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array, y: Lift, d: Array, v_lift: Lift
+    field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, s_prime: Array, y: Lift, d: Array, v_lift: Lift
 ) -> tuple[ResidualBounds, ResidualBounds]:
-    """The bounds on the residuals of u_h and of v = w + d, with the field's flux; `q` is the first one."""
+    """The bounds on the residuals of u_h, with its s' (m,), and of v = w + d, with the field's flux."""
     tau_error = tau.projection_error(field.spaces.mesh, field.form)
-    u_parts = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)
-    # theta r and curl phi are 0 on thick triangles: s' of the first q holds there
-    if field.is_thick.any():
-        s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
-        u_parts = u_parts._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    u_parts = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)._replace(s_prime=s_prime)
+    u_residual = bound_residual(u_parts, tau_error, y.shortfall.complementarity)
+    del u_parts
     v_parts = field.residual_parts(d, tau)
     # what u_h lacks is y, with the norm D; what v lacks is added to its S (`total_errors`, the last sentence)
     v_missing = v_lift.missing_norm + tau_error
-    u_residual = bound_residual(u_parts, tau_error, y.shortfall.complementarity)
     return u_residual, bound_residual(v_parts, v_missing, v_lift.shortfall.complementarity)
+
+
+def _bound_thick_triangles(field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array) -> Array:
+    """Bounds s' of u_h on thick triangles, infinite on others, with the first flux q; shape (m,)."""
+    if not field.is_thick.any():
+        return np.broadcast_to(math.inf, len(field.is_thick))
+    # theta r and curl phi are 0 on thick triangles: s' of the first q holds there
+    s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
+    return np.where(field.is_thick, s_prime, math.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +312,7 @@ def balance_potential(source: Source, u_h: Array, sigma: Array, energy: Energy) 
     mesh = source.mesh
     form = energy.quadratic_form.form
     # what u_h leaves of k (grad w, grad z) + c (w, z) = (f, z) + <sigma, z> for all z of P2 with z = u_D = 0
-    r = energy.residual(energy.spaces.embed_linear(u_h), sigma)
+    r = energy.residual(energy.spaces.embed_linear(u_h), source.f_h, sigma)
     r[energy.spaces.boundary_unknowns[np.tile(form.clamped_edges(mesh), 2)]] = 0.0
     r[: mesh.n_nodes][form.clamped_nodes(mesh)] = 0.0
     hat_residual, bubble_residual = np.split(r, [mesh.n_nodes])
@@ -431,20 +439,21 @@ def _minimise_eta(
     """
     spaces = field.spaces
     form = field.form
-    d = np.zeros(spaces.size)
     # v starts as g in contact, and stays that there
-    d[spaces.boundary_unknowns] = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
+    boundary_start = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
+    d = np.zeros(spaces.size)
+    d[spaces.boundary_unknowns] = boundary_start
     # eta^2 before the first step, with W^2 in place of 1/c
     misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
     eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
 
     # v enters eta^2 by |||v|||^2 - 2 (f_h, v) - 2 <q.n, v> + 2 <sigma, v>. On sides with contact q.n = sigma,
     # and the last two cancel; on free sides q.n = tau~ is left; on clamped ones v is given
+    d[: len(field.w)] += field.w
+    residual = energy.residual(d, field.source.f_h, tau)
+    del d  # its memory is needed for the steps
     v_descent = start_descent(
-        energy.quadratic_form,
-        energy.hat_matrix,
-        energy.residual(spaces.embed_linear(field.w) + d, tau),
-        spaces.vanishing_functions(lifting.contact),
+        energy.quadratic_form, energy.hat_matrix, residual, spaces.vanishing_functions(lifting.contact)
     )
     flux_descent = _start_flux_descent(
         field, energy, lifting.constraint.unknowns[~lifting.constraint.clamped_edges]
@@ -458,7 +467,9 @@ def _minimise_eta(
         min_gain = MIN_RELATIVE_GAIN * abs(eta_square)
         unfinished = [descent for descent, gain in zip(unfinished, gains, strict=True) if gain > min_gain]
         steps += 1
-    return d + v_descent.x, form.k * flux_descent.x, steps
+    d = v_descent.x
+    d[spaces.boundary_unknowns] += boundary_start
+    return d, form.k * flux_descent.x, steps
 
 
 def _start_flux_descent(field: _MisfitField, energy: Energy, outer_unknowns: Index) -> ConjugateGradients:

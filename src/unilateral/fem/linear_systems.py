@@ -158,6 +158,7 @@ class ConjugateGradients:
         alpha = old / curvature
         daxpy(self.p, self.x, a=alpha)
         daxpy(A_p, self.r, a=-alpha)
+        del A_p  # its memory is needed for z
         z = self.precondition(self.r)
         self.rz = float(self.r @ z)
         self.p *= self.rz / old

@@ -60,7 +60,7 @@ def flux_in(field, bary):
 
 def field_of(spaces, source, w, sigma, form):
     """The field of the flux with q.n = sigma (nb, 2) on the boundary, for w or what balances it."""
-    energy = bounds.build_energy(spaces, source, form)
+    energy = bounds.build_energy(spaces.mesh, form)
     w, q = bounds.balance_potential(source, w, sigma, energy)
     return bounds._build_misfit_field(spaces, source, w, q, form)
 
@@ -235,7 +235,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     field = field_of(spaces, source, u_h, flux.end_values, H1)
     lift = feasible.build_lifting(build_constraint(problem.enclose_gap(), mesh, H1), H1, u_h, flux)
     computed = []
-    energy = bounds.build_energy(spaces, source, H1)
+    energy = bounds.build_energy(mesh, H1)
     no_flux = np.zeros((len(mesh.boundary), 2))
     for maximum in (1, 50):
         monkeypatch.setattr(bounds, "MAX_DESCENT_STEPS", maximum)
@@ -520,7 +520,7 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
 
     # the flux before it was turned
     flux = bounds.build_normal_flux(mesh, cells, zero, u_h, form)
-    energy = bounds.build_energy(quadratic_space(mesh), data.source, form)
+    energy = bounds.build_energy(mesh, form)
     w, q = bounds.balance_potential(data.source, u_h, flux.end_values + data.given_flux.end_values, energy)
     slopes = gradients(mesh)
     w_flux = k * np.einsum("tid,ti->td", slopes, w[mesh.triangles])[:, None]
