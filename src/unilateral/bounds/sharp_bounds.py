@@ -350,7 +350,8 @@ def _bound_square_remainder(source: Source, w: Array, form: Form) -> float:
         values = w.take(mesh.triangles[block].T)
         rise = values.max(axis=0) - values.min(axis=0)
         # flows are some k |grad w| times an edge, and |grad w| is at most rise times an edge over |T|
-        size = form.c * np.abs(values).max(axis=0) + np.abs(source.f_h[block]).max(axis=1)
+        f_h = np.ascontiguousarray(source.f_h[block].T)
+        size = form.c * np.abs(values).max(axis=0) + np.abs(f_h).max(axis=0)
         size += form.k * rise * (mesh.longest_edges[block] / area) ** 2
         square += SUM_ROUNDING**2 * float(area @ size**2)
     return square

@@ -7,8 +7,8 @@ the bubbles precondition the form, however fine the mesh.
 No matrix is stored. On a triangle let K be the matrix of (grad ., grad .)_0 for the hats, and let b_i be the
 coefficient of the bubble opposite to node i. As the gradients of the hats add up to 0, the products of
 
-    sum a_i psi_i + sum b_i 4 psi_j psi_k    with the hats are     K a - 4/3 K b,
-                                             with the bubbles     -4/3 K a + 8/3 (K b)_i - 8/3 K_jk b_i.
+    sum a_i psi_i + sum b_i 4 psi_j psi_k    with the hats are    x = K (a - 4/3 b),
+                                             with the bubbles    -4/3 x_i + 8/9 (K b)_i - 8/3 K_jk b_i.
 
 Long arrays are worked on block by block.
 """
@@ -126,13 +126,12 @@ class QuadraticForm:
             values = v.take(unknowns)
             a = values[:3]
             b = values[3:]
-            # the module's docstring: K a - 4/3 K b, and -4/3 K a + 8/3 (K b - K_jk b_i)
+            # the module's docstring: x = K (a - 4/3 b), and -4/3 x + 8/9 K b - 8/3 K_jk b_i
             products = np.empty_like(values)
-            K_a = _apply_hat_stiffness(stiffness, a)
-            K_b = _apply_hat_stiffness(stiffness, b)
-            np.subtract(K_a, 4 / 3 * K_b, out=products[:3])
-            K_b -= stiffness * b
-            np.subtract(8 / 3 * K_b, 4 / 3 * K_a, out=products[3:])
+            _apply_hat_stiffness(stiffness, a - 4 / 3 * b, out=products[:3])
+            _apply_hat_stiffness(stiffness, 8 / 9 * b, out=products[3:])
+            products[3:] -= 4 / 3 * products[:3]
+            products[3:] -= (8 / 3 * stiffness) * b
             if self.form.c:
                 products += (mass_matrix @ values) * self.mesh.areas[block]
             np.add.at(total, unknowns.ravel(), products.ravel())
@@ -150,14 +149,12 @@ class QuadraticForm:
         return total[self.mesh.n_nodes :]
 
 
-def _apply_hat_stiffness(stiffness: Array, x: Array) -> Array:
-    """K x (3, k) on triangles, where K_jk is the number `stiffness` (3, k) of the edge from j to k."""
+def _apply_hat_stiffness(stiffness: Array, x: Array, out: Array) -> None:
+    """Put K x (3, k) on triangles in `out`, where K_jk is the `stiffness` (3, k) of the edge from j to k."""
     # rows of K add up to 0: row j is K_jk (x_k - x_j) + K_ji (x_i - x_j)
     flows = [stiffness[i] * (x[k] - x[j]) for i, j, k in CYCLIC_CORNERS]
-    rows = np.empty_like(x)
     for i, j, k in CYCLIC_CORNERS:
-        np.subtract(flows[k], flows[j], out=rows[i])
-    return rows
+        np.subtract(flows[k], flows[j], out=out[i])
 
 
 @dataclass(frozen=True, eq=False)
