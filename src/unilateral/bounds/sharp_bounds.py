@@ -71,7 +71,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.refinement import CYCLIC_CORNERS
 from unilateral.solvers.energy_descent import HatMatrix, build_hat_matrix, start_descent
 
-MIN_RELATIVE_GAIN = 0.0025
+MIN_RELATIVE_GAIN = 0.001
 """The steps of v end when one lowers eta^2 by less than this fraction of it, and so do those of q.
 
 The next ones would take less still.
@@ -90,9 +90,10 @@ It is pi j^2, j = 2.40.. the first zero of the Bessel function J_0 (Faber and Kr
 c |Omega| is at most this times k, one preconditioner does for k |.|_1^2 and for the form.
 """
 MAX_IMBALANCE_FRACTION = 0.01
-"""What w leaves of the discrete equations may be this fraction of the squared error of w in L2, over W^4.
+"""The square of what w leaves of the discrete equations may be this fraction of two others.
 
-W is that of ||z||_0 <= W |||z|||.
+They are the squared error of w in L2 over W^4, for W with ||z||_0 <= W |||z|||, and that of what is not known
+of f.
 """
 
 
@@ -316,10 +317,11 @@ def balance_potential(source: Source, u_h: Array, sigma: Array, energy: Energy) 
     r[energy.spaces.boundary_unknowns[np.tile(form.clamped_edges(mesh), 2)]] = 0.0
     r[: mesh.n_nodes][form.clamped_nodes(mesh)] = 0.0
     hat_residual, bubble_residual = np.split(r, [mesh.n_nodes])
-    # S has M_T + E_T: a mean below E_T hardly counts, nor does one far below the error
+    # S has M_T + E_T: a mean far below E_T hardly counts, nor does one far below the error
+    square_error = _estimate_square_error(mesh, bubble_residual, energy.quadratic_form)
     tolerance = max(
-        MAX_IMBALANCE_FRACTION * _estimate_square_error(mesh, bubble_residual, energy.quadratic_form),
-        _bound_square_remainder(source, u_h, form),
+        MAX_IMBALANCE_FRACTION * max(square_error, float(source.remainder @ source.remainder)),
+        _estimate_square_rounding(source, u_h, form),
     )
     # patch a spreads r_a evenly over the area |a| of its triangles, and at most three patches lie at any
     # place: so the square of what div q lacks is at most sum 3 r_a^2 / |a|
@@ -336,15 +338,15 @@ def _estimate_square_error(mesh: Mesh, bubble_residual: Array, quadratic_form: Q
     lengths = np.hypot(x.take(end) - x.take(start), y.take(end) - y.take(start))
     # the energy norm of u - u_h is about that of the bubbles r_b / ||b||^2; k^{-1/2} min(h / W, k^{1/2}) / W
     # times that is nearly the norm of u - u_h in L2 over W^2
-    energy_squares = bubble_residual**2 / quadratic_form.bubble_squares
+    energy_squares = bubble_residual**2 / quadratic_form.nodal_squares[mesh.n_nodes :]
     factors = np.minimum(lengths / W, math.sqrt(form.k)) ** 2 / (form.k * W**2)
     return float(factors @ energy_squares)
 
 
-def _bound_square_remainder(source: Source, w: Array, form: Form) -> float:
-    """About the square of E, what is not known of f and what rounding may do to div q and to c w."""
+def _estimate_square_rounding(source: Source, w: Array, form: Form) -> float:
+    """About the square of the part of E that is what rounding may do to f_h + div q - c w."""
     mesh = source.mesh
-    square = float(source.remainder @ source.remainder)
+    square = 0.0
     for block in row_blocks(len(mesh.triangles)):
         area = mesh.areas[block]
         values = w.take(mesh.triangles[block].T)
@@ -454,7 +456,11 @@ def _minimise_eta(
     residual = energy.residual(d, field.source.f_h, tau)
     del d  # its memory is needed for the steps
     v_descent = start_descent(
-        energy.quadratic_form, energy.hat_matrix, residual, spaces.vanishing_functions(lifting.contact)
+        spaces,
+        energy.quadratic_form,
+        energy.hat_matrix,
+        residual,
+        spaces.vanishing_functions(lifting.contact),
     )
     flux_descent = _start_flux_descent(
         field, energy, lifting.constraint.unknowns[~lifting.constraint.clamped_edges]
@@ -491,6 +497,7 @@ def _start_flux_descent(field: _MisfitField, energy: Energy, outer_unknowns: Ind
         hat_matrix = build_hat_matrix(mesh, Form(form.k, form.k / mesh.polygon.perimeter**2))
     # |curl chi| is |grad chi|
     return start_descent(
+        spaces,
         replace(energy.quadratic_form, form=Form(form.k, 0.0)),
         hat_matrix,
         -spaces.curl_load(field.misfit_hats, field.misfit_bubbles),

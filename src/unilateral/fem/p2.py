@@ -1,8 +1,9 @@
 """P2 on a mesh, in the hierarchical basis: the hats psi_i, and a bubble 4 psi_i psi_j on every edge.
 
-On a triangle bubble i is that of the nodes i and i + 1. Between hats and bubbles there is an angle that no
-refinement makes smaller, and the bubbles nearly decouple: a rough inverse for the hats and the diagonal for
-the bubbles precondition the form, however fine the mesh.
+On a triangle bubble i is that of the nodes i and i + 1. A function of P2 is the sum of a function of V_h and
+of one whose values are small on small triangles, and its squared norm is equivalent to the sum of both, the
+second one weighed by values. So the sum of a rough inverse for the hats and of the diagonal for values at
+nodes and midpoints preconditions the form, however fine the mesh.
 
 No matrix is stored. On a triangle let K be the matrix of (grad ., grad .)_0 for the hats, and let b_i be the
 coefficient of the bubble opposite to node i. As the gradients of the hats add up to 0, the products of
@@ -77,29 +78,29 @@ def gradients_at_nodes(hat_gradients: Array, hats: Array, bubbles: Array) -> Arr
 
 
 class VanishingFunctions(NamedTuple):
-    """The functions of P2 that vanish at some places, by their coefficients.
+    """The functions of P2 that vanish at some places, of which `n_nodes` are nodes and the others midpoints.
 
-    `is_fixed` (size,) are the unknowns that are not free. The bubbles `middles` (k,), which are fixed, take
-    back half of the hats at both `ends` (2, k) of their edges, so that the function is 0 at the midpoints.
+    `is_fixed` (size,) are the places; `middles` (k,) are unknowns of midpoints among them. Hats that are not
+    0 there are added with bubbles that take back half of the values at both `ends` (2, k) of the edge.
     """
 
+    n_nodes: int
     is_fixed: Mask
     middles: Index
     ends: Index
 
-    def extend(self, x: Array) -> Array:
-        """The function (size,) of the space whose free unknowns are those of x (size,), in place."""
-        x[self.is_fixed] = 0.0
-        x[self.middles] = -0.5 * x[self.ends].sum(axis=0)
-        return x
-
-    def restrict(self, r: Array) -> Array:
-        """The functional r (size,) on the basis that belongs to the free unknowns, 0 at the others."""
-        restricted = r.copy()
+    def restrict_to_hats(self, r: Array) -> Array:
+        """The functional r (size,) on what `add_hats` adds for each hat, 0 at fixed nodes; shape (n,)."""
+        restricted = r[: self.n_nodes].copy()
         for nodes in self.ends:
             np.subtract.at(restricted, nodes, 0.5 * r[self.middles])
-        restricted[self.is_fixed] = 0.0
+        restricted[self.is_fixed[: self.n_nodes]] = 0.0
         return restricted
+
+    def add_hats(self, v: Array, h: Array) -> None:
+        """Add h (n,) of V_h, 0 at fixed nodes, to v (size,) so that the sum vanishes where v does."""
+        v[: self.n_nodes] += h
+        v[self.middles] -= 0.5 * h[self.ends].sum(axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,15 +139,18 @@ class QuadraticForm:
         return total
 
     @cached_property
-    def bubble_squares(self) -> Array:
-        """The squared norms (edges,) of the bubbles in the form's norm."""
-        # on T: -8/3 (K_jk + K_ki + K_ij), and 8 / 45 |T|
-        first, second, third = self.edge_products.T
-        squares = -8 / 3 * (first + second + third) + 8 / 45 * self.form.c * self.mesh.areas
+    def nodal_squares(self) -> Array:
+        """The squared norms (size,) of the functions that are 1 at one node or midpoint, and 0 at others."""
+        products = self.edge_products.T
+        mass = self.form.c * self.mesh.areas
+        # the bubble of the edge from i to j: on T -8/3 (K_jk + K_ki + K_ij), and 8 / 45 |T|
+        bubble_squares = -8 / 3 * (products[0] + products[1] + products[2]) + 8 / 45 * mass
         total = np.zeros(self.size)
-        for bubbles in self.unknowns.T[3:]:
-            np.add.at(total, bubbles, squares)
-        return total[self.mesh.n_nodes :]
+        for i, j, k in CYCLIC_CORNERS:
+            np.add.at(total, self.unknowns[:, 3 + i], bubble_squares)
+            # psi_i (2 psi_i - 1) at node i: K_ii, as for the hat, and 1 / 30 |T|
+            np.add.at(total, self.unknowns[:, i], mass / 30 - (products[j] + products[k]))
+        return total
 
 
 def _apply_hat_stiffness(stiffness: Array, x: Array, out: Array) -> None:
@@ -185,6 +189,26 @@ class QuadraticSpace:
         for block in row_blocks(len(sums)):
             sums[block] = np.abs(v.take(self.unknowns[block].T)).sum(axis=0)
         return sums
+
+    def subtract_hats(self, values: Array) -> Array:
+        """The coefficients (size,) of a function from its values at nodes and midpoints, in place."""
+        bubbles = values[self.mesh.n_nodes :]
+        for block in row_blocks(len(bubbles)):
+            start, end = values.take(self.mesh.triangulation.ends[block].T)
+            bubbles[block] -= 0.5 * (start + end)
+        return values
+
+    def subtract_bubbles(self, r: Array) -> Array:
+        """The functional r (size,) on functions that are 1 at one node or midpoint and 0 at others."""
+        # that of a node is its hat less half of the bubbles of its edges
+        nodal = r.copy()
+        bubbles = r[self.mesh.n_nodes :]
+        for block in row_blocks(len(bubbles)):
+            half = 0.5 * bubbles[block]
+            start, end = self.mesh.triangulation.ends[block].T
+            np.subtract.at(nodal, start, half)
+            np.subtract.at(nodal, end, half)
+        return nodal
 
     def gradient(self, v: Array, triangles: slice = slice(None)) -> Array:
         """The gradient of v at the corners of some triangles, or of all; shape (k, 3, 2)."""
@@ -251,16 +275,18 @@ class QuadraticSpace:
     def vanishing_functions(self, contact: Mask, zero_unknowns: Index = NO_UNKNOWNS) -> VanishingFunctions:
         """The functions that vanish at the boundary nodes and midpoints in contact (2 nb,).
 
-        The `zero_unknowns` are 0, too. At a midpoint in contact the bubble takes back half of each hat at the
-        ends of its edge.
+        They vanish at the nodes and midpoints of the `zero_unknowns`, too.
         """
-        nodes, middles = np.split(self.boundary_unknowns, 2)
         is_fixed = np.zeros(self.size, dtype=bool)
         is_fixed[self.boundary_unknowns[contact]] = True
         is_fixed[zero_unknowns] = True
-        edges = np.flatnonzero(contact[len(nodes) :])
-        ends = np.stack([nodes[edges], np.roll(nodes, -1)[edges]])
-        return VanishingFunctions(is_fixed, middles[edges], ends)
+        fixed_middles = np.flatnonzero(is_fixed[self.mesh.n_nodes :])
+        return VanishingFunctions(
+            self.mesh.n_nodes,
+            is_fixed,
+            middles=self.mesh.n_nodes + fixed_middles,
+            ends=self.mesh.triangulation.ends[fixed_middles].T,
+        )
 
 
 def quadratic_space(mesh: Mesh) -> QuadraticSpace:

@@ -1,9 +1,8 @@
 """The energy of a form on P2, and descents to its least value on functions that vanish at some places.
 
-A descent is by conjugate gradients in the hierarchical basis (`fem.p2`). Hats and bubbles nearly decouple,
-and each have their own preconditioner. That of the bubbles is the diagonal. A few hats are eliminated; for
-many there is one symmetric cycle of multigrid, on the mesh's own levels if it was refined from a coarse one,
-else on algebraic levels.
+A descent is by conjugate gradients. The preconditioner is the sum of two (`fem.p2`): one for hats, and the
+diagonal for the values at nodes and midpoints. A few hats are eliminated; for many there is one symmetric
+cycle of multigrid, on the mesh's own levels if it was refined from a coarse one, else on algebraic levels.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from unilateral.fem import linear_systems
 from unilateral.fem.edge_matrix import assemble_by_edges
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import ConjugateGradients, approximate_inverse
-from unilateral.fem.p2 import QuadraticForm, VanishingFunctions
+from unilateral.fem.p2 import QuadraticForm, QuadraticSpace, VanishingFunctions
 from unilateral.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -80,22 +79,28 @@ def build_hat_matrix(mesh: Mesh, form: Form) -> HatMatrix:
 
 
 def start_descent(
-    quadratic_form: QuadraticForm, hat_matrix: HatMatrix, r: Array, functions: VanishingFunctions
+    spaces: QuadraticSpace,
+    quadratic_form: QuadraticForm,
+    hat_matrix: HatMatrix,
+    r: Array,
+    functions: VanishingFunctions,
 ) -> ConjugateGradients:
     """The descent to the v with the least v . A v - 2 b . v, for changes of v among the `functions`.
 
     `r` (size,) is what the first v leaves of b; it is overwritten. A is the matrix of the `quadratic_form`,
     and `hat_matrix` is that of an equivalent form on V_h.
     """
-    n = quadratic_form.mesh.n_nodes
-    invert_hats = hat_matrix.approximate_inverse(functions.is_fixed[:n])
-    bubble_squares = quadratic_form.bubble_squares
+    invert_hats = hat_matrix.approximate_inverse(functions.is_fixed[: spaces.mesh.n_nodes])
+    fixed = np.flatnonzero(functions.is_fixed)
+    nodal_squares = quadratic_form.nodal_squares
 
     def precondition(r: Array) -> Array:
-        """The block diagonal preconditioner, between the functions and their functionals."""
-        z = functions.restrict(r)
-        z[:n] = invert_hats(z[:n])
-        z[n:] /= bubble_squares
-        return functions.extend(z)
+        """The sum of an inverse for values at free nodes and midpoints, and of one for hats."""
+        z = spaces.subtract_bubbles(r)
+        z /= nodal_squares
+        z[fixed] = 0.0
+        z = spaces.subtract_hats(z)
+        functions.add_hats(z, invert_hats(functions.restrict_to_hats(r)))
+        return z
 
     return ConjugateGradients(quadratic_form.apply, r, precondition)

@@ -82,46 +82,65 @@ def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
     assert v @ spaces.edge_load(flux) == pytest.approx(exact, rel=1e-12)
 
 
-def test_the_form_is_symmetric_and_has_the_squares_of_the_bubbles(spaces):
-    """The squares by products of bubbles with themselves, some of them."""
+def test_the_form_is_symmetric_and_has_the_squares_of_nodal_functions(spaces):
+    """Squares by products with themselves of functions that are 1 at one node or midpoint."""
     rng = np.random.default_rng(8)
     v, w = rng.standard_normal((2, spaces.size))
     form = spaces.quadratic_form(Form(2.0, 300.0))
     assert v @ form.apply(w) == pytest.approx(w @ form.apply(v), rel=1e-12)
-    for edge in (0, 5, spaces.size - spaces.mesh.n_nodes - 1):
-        bubble = np.zeros(spaces.size)
-        bubble[spaces.mesh.n_nodes + edge] = 1
-        assert form.bubble_squares[edge] == pytest.approx(bubble @ form.apply(bubble), rel=1e-12)
+    for unknown in (0, 5, spaces.mesh.n_nodes, spaces.size - 1):
+        values = np.zeros(spaces.size)
+        values[unknown] = 1
+        function = spaces.subtract_hats(values)
+        assert form.nodal_squares[unknown] == pytest.approx(function @ form.apply(function), rel=1e-12)
 
 
-def test_functions_vanish_in_contact_and_nowhere_else(spaces):
-    """At boundary nodes and midpoints; free unknowns have the values that are given to them."""
+def test_coefficients_follow_from_values_at_nodes_and_midpoints(spaces):
+    """And functionals on functions with one value 1 from those on hats and bubbles: the transposed map."""
+    values, r = np.random.default_rng(9).standard_normal((2, spaces.size))
+    v = spaces.subtract_hats(values.copy())
+    middle = v[spaces.mesh.triangulation.ends].mean(axis=1) + v[spaces.mesh.n_nodes :]
+    np.testing.assert_allclose(np.append(v[: spaces.mesh.n_nodes], middle), values, rtol=0, atol=1e-14)
+    assert r @ v == pytest.approx(spaces.subtract_bubbles(r) @ values, rel=1e-12)
+
+
+def add_random_hats(spaces, functions):
+    """A sum of hats, 0 at fixed nodes, as `add_hats` adds them to 0; and the hats themselves."""
+    n = spaces.mesh.n_nodes
+    h = np.where(functions.is_fixed[:n], 0.0, np.random.default_rng(4).standard_normal(n))
+    v = np.zeros(spaces.size)
+    functions.add_hats(v, h)
+    return v, h
+
+
+def test_sums_of_hats_vanish_in_contact_and_are_linear_on_other_edges(spaces):
     nodes = spaces.boundary_unknowns[: len(spaces.mesh.boundary)]
     nb = len(spaces.mesh.boundary)
     contact = np.random.default_rng(3).random(2 * nb) < 0.5
     functions = spaces.vanishing_functions(contact)
-    x = np.random.default_rng(4).standard_normal(spaces.size)
-    v = functions.extend(x.copy())
+    v, h = add_random_hats(spaces, functions)
     middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.boundary_unknowns[nb:]]
     np.testing.assert_allclose(np.append(v[nodes], middle)[contact], 0, rtol=0, atol=1e-15)
     assert np.count_nonzero(functions.is_fixed) == contact.sum()
-    assert np.array_equal(v[~functions.is_fixed], x[~functions.is_fixed])
+    assert np.array_equal(v[: len(h)], h)
+    assert np.all(v[np.flatnonzero(~functions.is_fixed[len(h) :]) + len(h)] == 0)
 
 
-def test_functionals_on_vanishing_functions_are_those_on_all(spaces):
-    """<r, E x> = <E^T r, x> for the map E from free unknowns to functions."""
+def test_functionals_on_sums_of_hats_are_those_on_all_functions(spaces):
+    """<r, E h> = <E^T r, h> for the map E from hats to what is added for them."""
     contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
     functions = spaces.vanishing_functions(contact)
-    x, r = np.random.default_rng(9).standard_normal((2, spaces.size))
-    assert r @ functions.extend(x.copy()) == pytest.approx(functions.restrict(r) @ x, rel=1e-12)
+    v, h = add_random_hats(spaces, functions)
+    r = np.random.default_rng(5).standard_normal(spaces.size)
+    assert r @ v == pytest.approx(functions.restrict_to_hats(r) @ h, rel=1e-12)
 
 
-def test_some_unknowns_may_be_0_besides(spaces):
+def test_functions_may_vanish_at_other_places_besides(spaces):
+    """At the nodes and midpoints of a triangle."""
     contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
     other_unknowns = spaces.unknowns[0]
     functions = spaces.vanishing_functions(contact, other_unknowns)
-    v = functions.extend(np.ones(spaces.size))
-    assert np.all(v[other_unknowns] == 0)
+    assert np.all(add_random_hats(spaces, functions)[0][other_unknowns] == 0)
     fixed = np.union1d(spaces.boundary_unknowns[contact], other_unknowns)
     assert np.array_equal(np.flatnonzero(functions.is_fixed), fixed)
 

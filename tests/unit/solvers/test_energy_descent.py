@@ -92,10 +92,10 @@ def test_a_descent_ends_at_the_least_energy_among_the_functions(kind, form, monk
     functions = spaces.vanishing_functions(contact)
     quadratic_form = spaces.quadratic_form(form)
     load = rng.standard_normal(spaces.size)
-    descent = start_descent(quadratic_form, build_hat_matrix(mesh, form), load.copy(), functions)
+    descent = start_descent(spaces, quadratic_form, build_hat_matrix(mesh, form), load.copy(), functions)
     gain = sum(descent.step() for _ in range(60))
 
-    basis = np.array([functions.extend(unit) for unit in np.eye(spaces.size)[~functions.is_fixed]])
+    basis = np.array([spaces.subtract_hats(unit) for unit in np.eye(spaces.size)[~functions.is_fixed]])
     A_basis = np.array([quadratic_form.apply(function) for function in basis])
     best = np.linalg.solve(A_basis @ basis.T, basis @ load) @ basis
     assert np.abs(descent.x - best).max() < 1e-8 * np.abs(best).max()
