@@ -40,12 +40,12 @@ SUM_ROUNDING = 2.0**-45
 def misfit(mesh: Mesh, u_h: Array, q: Array, triangles: Index | slice, k: float = 1.0) -> Array:
     """k grad u_h - q at the nodes of triangles, (m, 3, 2)."""
     node = mesh.triangles[triangles].T
-    return _misfit_at_nodes(
+    return misfit_at_nodes(
         mesh, node, k * u_h.take(node), triangle_inflows(mesh, q, triangles), mesh.areas[triangles]
     ).transpose(2, 1, 0)
 
 
-def _misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Array], area: Array) -> Array:
+def misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Array], area: Array) -> Array:
     """grad u - q at the nodes of triangles, (2, 3, m), from u (3, m) at the nodes and `triangle_inflows`.
 
     With e_i the edge opposite to node i as a vector anticlockwise, and e_i' that turned to the left,
@@ -134,7 +134,7 @@ def _fill_residual(
     form = residual.form
     area = mesh.areas[triangles]
     inflows = triangle_inflows(mesh, q, triangles)
-    field = _misfit_at_nodes(mesh, mesh.triangles[triangles].T, form.k * v, inflows, area)
+    field = misfit_at_nodes(mesh, mesh.triangles[triangles].T, form.k * v, inflows, area)
     v_size = _max_rows(np.abs(v))
     if bubbles is not None and hat_gradients is not None:
         field += form.k * gradients_at_nodes(hat_gradients, 0 * bubbles, bubbles).transpose(2, 1, 0)

@@ -34,11 +34,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Mask
-from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux, no_given_flux
+from unilateral.arrays import Array, Index, Mask, row_blocks
+from unilateral.bounds.boundary_flux import GivenEdgeFlux, build_normal_flux
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.equilibrated_flux import triangle_inflows
@@ -46,7 +47,7 @@ from unilateral.bounds.feasible import Lift, Lifting, build_lifting
 from unilateral.bounds.flux_residuals import (
     SUM_ROUNDING,
     add_given_flux_remainder,
-    misfit,
+    misfit_at_nodes,
     residual_parts,
     rounding_allowances,
     stretched_divergence,
@@ -55,16 +56,23 @@ from unilateral.bounds.local_bounds import Bound, check_discrete_solution, colle
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts
 from unilateral.bounds.source import Source
 from unilateral.bounds.total_errors import ResidualBounds, bound_residual, bound_total_errors
-from unilateral.fem.condense import form_matrix
 from unilateral.fem.form import Form
-from unilateral.fem.linear_systems import solve_sparse
-from unilateral.fem.p1 import edge_load, lumped_mass, subtract_lift_from_load
-from unilateral.fem.p2 import QuadraticSpace, linear_square_norms, quadratic_space, quadratic_square_norms
+from unilateral.fem.linear_systems import ConjugateGradients
+from unilateral.fem.p1 import lumped_mass
+from unilateral.fem.p2 import (
+    QuadraticForm,
+    QuadraticSpace,
+    linear_square_norms,
+    quadratic_space,
+    quadratic_square_norms,
+)
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
+from unilateral.geometry.refinement import CYCLIC_CORNERS
+from unilateral.solvers.energy_descent import HatMatrix, build_hat_matrix, start_descent
 
-MIN_RELATIVE_GAIN = 0.01
-"""The steps end when one of v and one of q together lower eta^2 by less than this fraction of it.
+MIN_RELATIVE_GAIN = 0.001
+"""The steps of v end when one lowers eta^2 by less than this fraction of it, and so do those of q.
 
 The next ones would take less still.
 """
@@ -75,10 +83,17 @@ THICK_TRIANGLE_LAYERS = 20.0
 
 There s' of `flux_residuals` counts, for u_h.
 """
-MAX_IMBALANCE_FRACTION = 0.01
-"""What w leaves of the discrete equations may be this fraction of the squared error of w in L2, over W^4.
+MIN_FREQUENCY = 18.0
+"""|chi|_1^2 is at least this times ||chi||_0^2 / |Omega| for all chi that are 0 on the boundary.
 
-W is that of ||z||_0 <= W |||z|||.
+It is pi j^2, j = 2.40.. the first zero of the Bessel function J_0 (Faber and Krahn), rounded down. If
+c |Omega| is at most this times k, one preconditioner does for k |.|_1^2 and for the form.
+"""
+MAX_IMBALANCE_FRACTION = 0.01
+"""The square of what w leaves of the discrete equations may be this fraction of two others.
+
+They are the squared error of w in L2 over W^4, for W with ||z||_0 <= W |||z|||, and that of what is not known
+of f.
 """
 
 
@@ -97,8 +112,11 @@ def sharp_bound(
 
     # sigma near lambda_H, and the first q: that of `equilibrate_flux` for w, with theta r
     sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
-    w, q = balance_potential(data.source, w, sigma.end_values + data.given_flux.end_values, form)
-    field = _build_misfit_field(quadratic_space(mesh), data.source, w, q, form)
+    energy = build_energy(mesh, form)
+    w, q = balance_potential(data.source, w, sigma.end_values + data.given_flux.end_values, energy)
+    field = _build_misfit_field(energy.spaces, data.source, w, q, form)
+    s_prime = _bound_thick_triangles(field, data.given_flux, u_h, q)
+    del q  # its memory is needed for the steps
 
     # y with u_h + y >= g, D = |||y|||, and D_D, the norm of the part of y at clamped sides
     lifting = build_lifting(data.constraint, form, u_h, sigma)
@@ -106,10 +124,11 @@ def sharp_bound(
     D, D_clamped = _lift_norms(lifting, y)
 
     # a better flux q + curl phi, and v = w + d that its own lift has made feasible
-    field, d, v_lift, steps = _improve_flux_and_potential(lifting, field, data.given_flux, y)
+    field, d, v_lift, steps = _improve_flux_and_potential(lifting, energy, field, data.given_flux, y)
+    del energy
 
     # S of u_h and of v (Lemma S18), and Theorem 8 (Proposition S14)
-    u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, q, y, d, v_lift)
+    u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, s_prime, y, d, v_lift)
     distance = sigma.multiplier_distance(mesh, form)
     errors = bound_total_errors(
         mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D_clamped, sigma_distance=distance
@@ -133,8 +152,32 @@ def _lift_norms(lifting: Lifting, y: Lift) -> tuple[float, float]:
     return D, (1 + SQUARES_ROUNDING) * (clamped_norm + y.remainder_norm) + y.underflow
 
 
+class Energy(NamedTuple):
+    """P2 on a mesh, its form, and the matrix of the form on V_h."""
+
+    spaces: QuadraticSpace
+    quadratic_form: QuadraticForm
+    hat_matrix: HatMatrix
+
+    def residual(self, v: Array, f_h: Array, flux: Array) -> Array:
+        """The residual (f_h, z) + <flux, z> - k (grad v, grad z) - c (v, z) of v (size,); shape (size,).
+
+        z are the basis functions. f_h (m, 3) is linear on triangles, and the flux (nb, 2) on boundary edges.
+        """
+        residual = self.spaces.load(f_h)
+        residual += self.spaces.edge_load(flux)
+        residual -= self.quadratic_form.apply(v)
+        return residual
+
+
+def build_energy(mesh: Mesh, form: Form) -> Energy:
+    """The energy of a form on P2 of a mesh."""
+    spaces = quadratic_space(mesh)
+    return Energy(spaces, spaces.quadratic_form(form), build_hat_matrix(mesh, form))
+
+
 def _improve_flux_and_potential(
-    lifting: Lifting, field: _MisfitField, tau: GivenEdgeFlux, y: Lift
+    lifting: Lifting, energy: Energy, field: _MisfitField, tau: GivenEdgeFlux, y: Lift
 ) -> tuple[_MisfitField, Array, Lift, int]:
     """The field of q + curl phi, d (size,) of v = w + d, the lift of v, and how many steps were made.
 
@@ -142,11 +185,8 @@ def _improve_flux_and_potential(
     hats for the remainder of g, whose norm is at most its `missing_norm`.
     """
     spaces = field.spaces
-    # v enters eta^2 by |||v|||^2 - 2 (f_h, v) - 2 <q.n, v> + 2 <sigma, v>. On sides with contact q.n = sigma,
-    # and the last two cancel; on free sides q.n = tau~ is left; on clamped ones v is given
-    load = spaces.load(field.source.f_h) + spaces.edge_load(tau.end_values)
     # until v is known 2 <sigma, v - g> of u_h + y stands for its own in eta^2, which only ends the steps
-    d, phi, steps = _minimise_eta(lifting, field, load, 2 * y.shortfall.complementarity)
+    d, phi, steps = _minimise_eta(lifting, energy, field, tau.end_values, 2 * y.shortfall.complementarity)
     nodal, bubbles = np.split(d[spaces.boundary_unknowns], 2)
     v_lift = lifting.make_feasible(field.w[spaces.mesh.boundary] + nodal, bubbles)
     d[spaces.boundary_unknowns] += np.concatenate([v_lift.nodal, v_lift.bubbles])
@@ -154,20 +194,26 @@ def _improve_flux_and_potential(
 
 
 def _bound_improved_residuals(
-    field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array, y: Lift, d: Array, v_lift: Lift
+    field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, s_prime: Array, y: Lift, d: Array, v_lift: Lift
 ) -> tuple[ResidualBounds, ResidualBounds]:
-    """The bounds on the residuals of u_h and of v = w + d, with the field's flux; `q` is the first one."""
+    """The bounds on the residuals of u_h, with its s' (m,), and of v = w + d, with the field's flux."""
     tau_error = tau.projection_error(field.spaces.mesh, field.form)
-    u_parts = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)
-    # theta r and curl phi are 0 on thick triangles: s' of the first q holds there
-    if field.is_thick.any():
-        s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
-        u_parts = u_parts._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    u_parts = field.residual_parts(field.spaces.embed_linear(u_h - field.w), tau)._replace(s_prime=s_prime)
+    u_residual = bound_residual(u_parts, tau_error, y.shortfall.complementarity)
+    del u_parts
     v_parts = field.residual_parts(d, tau)
     # what u_h lacks is y, with the norm D; what v lacks is added to its S (`total_errors`, the last sentence)
     v_missing = v_lift.missing_norm + tau_error
-    u_residual = bound_residual(u_parts, tau_error, y.shortfall.complementarity)
     return u_residual, bound_residual(v_parts, v_missing, v_lift.shortfall.complementarity)
+
+
+def _bound_thick_triangles(field: _MisfitField, tau: GivenEdgeFlux, u_h: Array, q: Array) -> Array:
+    """Bounds s' of u_h on thick triangles, infinite on others, with the first flux q; shape (m,)."""
+    if not field.is_thick.any():
+        return np.broadcast_to(math.inf, len(field.is_thick))
+    # theta r and curl phi are 0 on thick triangles: s' of the first q holds there
+    s_prime = residual_parts(field.source, tau, u_h, q, field.form).s_prime
+    return np.where(field.is_thick, s_prime, math.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +242,11 @@ class _MisfitField:
         """The field for the flux q + curl phi."""
         mesh = self.spaces.mesh
         # the mean of |grad 4 psi_i psi_j|^2 is at most 4 / height^2, and a height twice the area over an edge
-        size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
+        size = self.spaces.coefficient_sums(phi) * mesh.longest_edges / mesh.areas
         allowance = (SUM_ROUNDING + mesh.distortion) * size
-        misfit_hats = self.misfit_hats + _curl(self.spaces.gradient(phi))
+        misfit_hats = np.empty_like(self.misfit_hats)
+        for block in row_blocks(len(mesh.triangles)):
+            misfit_hats[block] = self.misfit_hats[block] + _curl(self.spaces.gradient(phi, block))
         return replace(self, misfit_hats=misfit_hats, misfit_allowance=self.misfit_allowance + allowance)
 
     def square_norms(self, d: Array) -> Array:
@@ -208,24 +256,26 @@ class _MisfitField:
         """
         k = self.form.k
         c = self.form.c
-        areas = self.spaces.mesh.areas
-        d_hats, d_bubbles = self.spaces.coefficients(d)
-        rho_hats = self.rho - c * d_hats
-        rho_bubbles = -c * d_bubbles
-        # the means of a hat and of a bubble are 1/3
-        mean = rho_hats.mean(axis=1) + rho_bubbles.sum(axis=1) / 3
-        misfit_squares = quadratic_square_norms(
-            areas, self.misfit_hats - k * self.spaces.gradient(d), self.misfit_bubbles
-        )
-        oscillation_squares = quadratic_square_norms(areas, rho_hats - mean[:, None], rho_bubbles)
-        return np.stack([misfit_squares, oscillation_squares, areas * mean**2])
+        squares = np.empty((3, len(self.rho)))
+        for block in row_blocks(len(self.rho)):
+            area = self.spaces.mesh.areas[block]
+            d_hats, d_bubbles = self.spaces.coefficients(d, block)
+            rho_hats = self.rho[block] - c * d_hats
+            rho_bubbles = -c * d_bubbles
+            # the means of a hat and of a bubble are 1/3
+            mean = (rho_hats.sum(axis=1) + rho_bubbles.sum(axis=1)) / 3
+            misfit_hats = self.misfit_hats[block] - k * self.spaces.gradient(d, block)
+            squares[0, block] = quadratic_square_norms(area, misfit_hats, self.misfit_bubbles[block])
+            squares[1, block] = quadratic_square_norms(area, rho_hats - mean[:, None], rho_bubbles)
+            squares[2, block] = area * mean**2
+        return squares
 
     def residual_parts(self, d: Array, given_flux: GivenEdgeFlux) -> ResidualParts:
         """The parts of the residual of v = w + d, with what is left of tau; s' is infinite."""
         mesh = self.spaces.mesh
         source = self.source
         form = self.form
-        size = SUM_ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
+        size = SUM_ROUNDING * self.spaces.coefficient_sums(d)
         misfit_allowance = self.misfit_allowance + form.k * size * mesh.longest_edges / mesh.areas
         rho_allowance = self.rho_allowance + form.c * size
         misfit_norm, rho_norm, mean = np.sqrt(self.square_norms(d))
@@ -247,10 +297,13 @@ class _MisfitField:
 
 def _curl(gradient: Array) -> Array:
     """The curl (d_y phi, -d_x phi) at the nodes of each triangle, from the gradient of phi, (m, 3, 2)."""
-    return np.stack([gradient[..., 1], -gradient[..., 0]], axis=2)
+    curl = np.empty_like(gradient)
+    curl[..., 0] = gradient[..., 1]
+    curl[..., 1] = -gradient[..., 0]
+    return curl
 
 
-def balance_potential(source: Source, u_h: Array, sigma: Array, form: Form) -> tuple[Array, Array]:
+def balance_potential(source: Source, u_h: Array, sigma: Array, energy: Energy) -> tuple[Array, Array]:
     """w (n,), u_h or a better solution of the discrete equations, and the flux by `equilibrate_flux` for w.
 
     The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
@@ -258,32 +311,52 @@ def balance_potential(source: Source, u_h: Array, sigma: Array, form: Form) -> t
     nothing beside the error of u_h, and much beside the error of lambda_H, which is smaller.
     """
     mesh = source.mesh
-    q = equilibrate_source(source, u_h, sigma, form)
-    residual = residual_parts(source, no_given_flux(mesh), u_h, q, form)
-    # the error of u_h in L2 over W^2 is nearly ||q - k grad u_h||_T min(h / W, k^{1/2}) / (k W)
-    W = form.value_constant
-    error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * residual.misfit / (form.k * W)
-    # S has M_T + E_T: a mean below E_T hardly counts, nor does one far below the error
+    form = energy.quadratic_form.form
+    # what u_h leaves of k (grad w, grad z) + c (w, z) = (f, z) + <sigma, z> for all z of P2 with z = u_D = 0
+    r = energy.residual(energy.spaces.embed_linear(u_h), source.f_h, sigma)
+    r[energy.spaces.boundary_unknowns[np.tile(form.clamped_edges(mesh), 2)]] = 0.0
+    r[: mesh.n_nodes][form.clamped_nodes(mesh)] = 0.0
+    hat_residual, bubble_residual = np.split(r, [mesh.n_nodes])
+    # S has M_T + E_T: a mean far below E_T hardly counts, nor does one far below the error
+    square_error = _estimate_square_error(mesh, bubble_residual, energy.quadratic_form)
     tolerance = max(
-        MAX_IMBALANCE_FRACTION * float(error @ error), float(residual.remainder @ residual.remainder)
+        MAX_IMBALANCE_FRACTION * max(square_error, float(source.remainder @ source.remainder)),
+        _estimate_square_rounding(source, u_h, form),
     )
-    if residual.mean @ residual.mean <= tolerance:
-        return u_h, q
-    w = _solve_discrete_equations(source, u_h, sigma, tolerance, form)
+    # patch a spreads r_a evenly over the area |a| of its triangles, and at most three patches lie at any
+    # place: so the square of what div q lacks is at most sum 3 r_a^2 / |a|
+    w = u_h + energy.hat_matrix.solve(hat_residual, lumped_mass(mesh), tolerance)
     return w, equilibrate_source(source, w, sigma, form)
 
 
-def _solve_discrete_equations(source: Source, w: Array, sigma: Array, tolerance: float, form: Form) -> Array:
-    """w with k (grad w, grad psi_a) + c (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to what div q may lack.
+def _estimate_square_error(mesh: Mesh, bubble_residual: Array, quadratic_form: QuadraticForm) -> float:
+    """An estimate of the squared error of u_h in L2 over W^4, from the residual (edges,) on bubbles."""
+    form = quadratic_form.form
+    W = form.value_constant
+    start, end = mesh.triangulation.ends.T
+    x, y = mesh.points.T
+    lengths = np.hypot(x.take(end) - x.take(start), y.take(end) - y.take(start))
+    # the energy norm of u - u_h is about that of the bubbles r_b / ||b||^2; k^{-1/2} min(h / W, k^{1/2}) / W
+    # times that is nearly the norm of u - u_h in L2 over W^2
+    energy_squares = bubble_residual**2 / quadratic_form.nodal_squares[mesh.n_nodes :]
+    factors = np.minimum(lengths / W, math.sqrt(form.k)) ** 2 / (form.k * W**2)
+    return float(factors @ energy_squares)
 
-    Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
-    most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
-    is brought down to `tolerance`.
-    """
+
+def _estimate_square_rounding(source: Source, w: Array, form: Form) -> float:
+    """About the square of the part of E that is what rounding may do to f_h + div q - c w."""
     mesh = source.mesh
-    lift = np.where(form.clamped_nodes(source.mesh), w, 0.0)
-    rhs = subtract_lift_from_load(mesh, form, source.load + edge_load(mesh, sigma), lift)
-    return lift + solve_sparse(form_matrix(mesh, form), rhs, w - lift, lumped_mass(mesh), tolerance)[0]
+    square = 0.0
+    for block in row_blocks(len(mesh.triangles)):
+        area = mesh.areas[block]
+        values = w.take(mesh.triangles[block].T)
+        rise = values.max(axis=0) - values.min(axis=0)
+        # flows are some k |grad w| times an edge, and |grad w| is at most rise times an edge over |T|
+        f_h = np.ascontiguousarray(source.f_h[block].T)
+        size = form.c * np.abs(values).max(axis=0) + np.abs(f_h).max(axis=0)
+        size += form.k * rise * (mesh.longest_edges[block] / area) ** 2
+        square += SUM_ROUNDING**2 * float(area @ size**2)
+    return square
 
 
 def _build_misfit_field(
@@ -291,82 +364,142 @@ def _build_misfit_field(
 ) -> _MisfitField:
     """The `_MisfitField` of q + theta r for w; w and q are as `balance_potential` gives them."""
     mesh = spaces.mesh
-    p = form.c * w[mesh.triangles] - source.f_h
-    thick = form.c * mesh.longest_edges**2 > THICK_TRIANGLE_LAYERS**2 * form.k
-    theta, r = _correct_divergence(mesh, p, form)
-    theta = np.where(thick, 0.0, theta)[:, None]
-
-    # f_h + div (q + theta r) - c w = div q - mean p - (1 - theta) (p - mean p)
-    inflows = triangle_inflows(mesh, q, slice(None))
-    div_q = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
-    rho = (div_q - p.mean(axis=1))[:, None] - (1 - theta) * (p - p.mean(axis=1, keepdims=True))
-
-    # what rounding may do to w and q, and to r: |r| <= longest edge times |p|, |div r| <= 2 |p|
-    largest = np.abs(w[mesh.triangles]).max(axis=1)
-    misfit_allowance, rho_allowance = rounding_allowances(
-        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched_divergence(mesh, q)
-    )
-    p_rounding = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
-    return _MisfitField(
+    m = len(mesh.triangles)
+    # numbers of one node stand together, as blocks of triangles use them
+    field = _MisfitField(
         spaces,
         source,
         form,
         w,
-        misfit_hats=-misfit(mesh, w, q, slice(None), form.k),
-        misfit_bubbles=theta[..., None] * r,
-        rho=rho,
-        misfit_allowance=misfit_allowance + mesh.longest_edges * p_rounding,
-        rho_allowance=rho_allowance + 2 * p_rounding,
-        is_thick=thick,
+        misfit_hats=np.empty((3, 2, m)).transpose(2, 0, 1),
+        misfit_bubbles=np.empty((3, 2, m)).transpose(2, 0, 1),
+        rho=np.empty((3, m)).T,
+        misfit_allowance=np.empty(m),
+        rho_allowance=np.empty(m),
+        is_thick=form.c * mesh.longest_edges**2 > THICK_TRIANGLE_LAYERS**2 * form.k,
         outflows=outflows(mesh, form, q),
     )
+    stretched = stretched_divergence(mesh, q)
+    for block in row_blocks(m):
+        _fill_misfit_field(field, block, q, stretched[block])
+    return field
 
 
-def _correct_divergence(mesh: Mesh, p: Array, form: Form) -> tuple[Array, Array]:
-    """theta (m,), and r by the coefficients (m, 3, 2) of its bubbles; p has the values (m, 3) at nodes."""
+def _fill_misfit_field(field: _MisfitField, block: slice, q: Array, stretch_allowance: Array) -> None:
+    """Put in the numbers of some triangles, whose `stretched_divergence` is the `stretch_allowance` (k,)."""
+    mesh = field.spaces.mesh
+    form = field.form
+    area = mesh.areas[block]
+    nodes = field.spaces.unknowns[block].T[:3]
+    f_h = field.source.f_h[block].T
+    w = field.w.take(nodes)
+    p = form.c * w - f_h
+    theta, r = _correct_divergence(mesh, nodes, area, p, form)
+    theta[field.is_thick[block]] = 0.0
+    inflows = triangle_inflows(mesh, q, block)
+    field.misfit_hats[block] = -misfit_at_nodes(mesh, nodes, form.k * w, inflows, area).transpose(2, 1, 0)
+    field.misfit_bubbles[block] = (theta * r).transpose(2, 0, 1)
+
+    # f_h + div (q + theta r) - c w = div q - mean p - (1 - theta) (p - mean p)
+    div_q = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / area
+    mean = p.sum(axis=0) / 3
+    field.rho[block] = ((div_q - mean) - (1 - theta) * (p - mean)).T
+
+    # what rounding may do to w and q, and to r: |r| <= longest edge times |p|, |div r| <= 2 |p|
+    misfit_allowance, rho_allowance = rounding_allowances(
+        mesh, block, np.abs(w).max(axis=0), f_h, inflows, form, stretch_allowance
+    )
+    p_rounding = (SUM_ROUNDING + mesh.distortion[block]) * np.abs(p).max(axis=0)
+    field.misfit_allowance[block] = misfit_allowance + mesh.longest_edges[block] * p_rounding
+    field.rho_allowance[block] = rho_allowance + 2 * p_rounding
+
+
+def _correct_divergence(mesh: Mesh, nodes: Index, area: Array, p: Array, form: Form) -> tuple[Array, Array]:
+    """theta (k,), and r by the coefficients (3, 2, k) of its bubbles, on triangles of the `nodes` (3, k).
+
+    p has the values (3, k) at these nodes.
+    """
+    points = mesh.points.ravel()
+    x = np.stack([points.take(2 * nodes), points.take(2 * nodes + 1)], axis=1)
     # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
-    x = mesh.points[mesh.triangles]
-    r = (p - np.roll(p, -1, axis=1))[..., None] * (np.roll(x, -1, axis=1) - x) / 12
+    r = np.empty_like(x)
+    for i, j, _ in CYCLIC_CORNERS:
+        np.multiply((p[i] - p[j]) / 12, x[j] - x[i], out=r[i])
     # theta = k ||div r||^2 / (k ||div r||^2 + c ||r||^2), div r = p - mean p; any number where p is constant
-    div_squares = form.k * linear_square_norms(mesh.areas, p - p.mean(axis=1, keepdims=True))
-    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
+    div_squares = form.k * linear_square_norms(area, (p - p.sum(axis=0) / 3).T)
+    bubbles = r.transpose(2, 0, 1)
+    total_squares = div_squares + form.c * quadratic_square_norms(area, np.zeros_like(bubbles), bubbles)
     theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
     return theta, r
 
 
 def _minimise_eta(
-    lifting: Lifting, field: _MisfitField, load: Array, complementarity: float
+    lifting: Lifting, energy: Energy, field: _MisfitField, tau: Array, complementarity: float
 ) -> tuple[Array, Array, int]:
     """d = v - w and phi (size,) that nearly minimise eta^2, and how many steps were made.
 
-    `load` (size,) is that of v, and `complementarity` is nearly 2 <sigma, v - g>.
+    `tau` (nb, 2) is the flux that is given on free sides, and `complementarity` is nearly 2 <sigma, v - g>.
     """
     spaces = field.spaces
     form = field.form
-    w = field.spaces.embed_linear(field.w)
+    # v starts as g in contact, and stays that there
+    boundary_start = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
     d = np.zeros(spaces.size)
-    outer = np.zeros(len(spaces.boundary_unknowns), dtype=bool)
-    outer[lifting.constraint.unknowns[~lifting.constraint.clamped_edges]] = True
-    outer[0] = True  # constants have no curl
-    # v starts as g in contact, and stays that there; phi is 0 on sides not clamped, and on thick triangles
-    d[spaces.boundary_unknowns] = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
-    free = spaces.vanishing_basis(lifting.contact)
-    inner = spaces.vanishing_basis(outer, spaces.unknowns[field.is_thick])
-
-    # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
+    d[spaces.boundary_unknowns] = boundary_start
+    # eta^2 before the first step, with W^2 in place of 1/c
     misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
     eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
-    # |curl phi| is |grad phi|, and (p, curl phi) = - (curl p, grad phi) for the misfit p
-    curl_load = spaces.gradient_load(_curl(field.misfit_hats), _curl(field.misfit_bubbles)) / form.k
-    phi_descent = spaces.conjugate_gradients(
-        spaces.matrix(Form(1 / form.k, 0.0)), curl_load, np.zeros(spaces.size), inner
+
+    # v enters eta^2 by |||v|||^2 - 2 (f_h, v) - 2 <q.n, v> + 2 <sigma, v>. On sides with contact q.n = sigma,
+    # and the last two cancel; on free sides q.n = tau~ is left; on clamped ones v is given
+    d[: len(field.w)] += field.w
+    residual = energy.residual(d, field.source.f_h, tau)
+    del d  # its memory is needed for the steps
+    v_descent = start_descent(
+        spaces,
+        energy.quadratic_form,
+        energy.hat_matrix,
+        residual,
+        spaces.vanishing_functions(lifting.contact),
     )
-    v_descent = spaces.conjugate_gradients(spaces.matrix(form), load, w + d, free)
-    gain = math.inf
+    flux_descent = _start_flux_descent(
+        field, energy, lifting.constraint.unknowns[~lifting.constraint.clamped_edges]
+    )
+    unfinished = [v_descent, flux_descent]
     steps = 0
-    # eta^2 is below 0 if v is far enough below g
-    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:
-        gain = v_descent.step() + phi_descent.step()
-        eta_square = eta_square - gain
-        steps = steps + 1
-    return d + free @ v_descent.x, inner @ phi_descent.x, steps
+    while unfinished and steps < MAX_DESCENT_STEPS:
+        gains = [descent.step() for descent in unfinished]
+        eta_square -= sum(gains)
+        # eta^2 is below 0 if v is far enough below g
+        min_gain = MIN_RELATIVE_GAIN * abs(eta_square)
+        unfinished = [descent for descent, gain in zip(unfinished, gains, strict=True) if gain > min_gain]
+        steps += 1
+    d = v_descent.x
+    d[spaces.boundary_unknowns] += boundary_start
+    return d, form.k * flux_descent.x, steps
+
+
+def _start_flux_descent(field: _MisfitField, energy: Energy, outer_unknowns: Index) -> ConjugateGradients:
+    """The descent to the chi = phi / k with the least ||q + k curl chi - k grad w||^2 / k.
+
+    chi is 0 at the `outer_unknowns`, those of P2 on the boundary but for clamped sides, and on thick
+    triangles.
+    """
+    spaces = field.spaces
+    mesh = spaces.mesh
+    form = field.form
+    outer = np.zeros(len(spaces.boundary_unknowns), dtype=bool)
+    outer[outer_unknowns] = True
+    outer[0] = True  # constants have no curl
+    hat_matrix = energy.hat_matrix
+    if form.clamped or form.c * mesh.areas.sum() > MIN_FREQUENCY * form.k:
+        # chi may be any number on clamped sides: a little mass keeps the matrix of all hats regular
+        hat_matrix = build_hat_matrix(mesh, Form(form.k, form.k / mesh.polygon.perimeter**2))
+    # |curl chi| is |grad chi|
+    return start_descent(
+        spaces,
+        replace(energy.quadratic_form, form=Form(form.k, 0.0)),
+        hat_matrix,
+        -spaces.curl_load(field.misfit_hats, field.misfit_bubbles),
+        spaces.vanishing_functions(outer, spaces.unknowns[field.is_thick].ravel()),
+    )

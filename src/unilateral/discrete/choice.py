@@ -38,7 +38,7 @@ MACRO_ELEMENT_BYTES = 1000
 SPARSE_BYTES = 5000
 """Bytes per unknown, as measured with 1e6: by multigrid, and condensed by either way of `fem.condense`."""
 CHEAP_BOUND_BYTES = 300
-SHARP_BOUND_BYTES = 5000
+SHARP_BOUND_BYTES = 1400
 """Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
 DENSE_ENTRY_BYTES = 64
 """Bytes per entry of A_3 or of S, the scaled dual operator: about eight such matrices are in memory."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.blas import daxpy
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index
@@ -27,7 +28,6 @@ MAX_FACTORISED_UNKNOWNS = 10_000
 SUPERLU_OPTIONS = {"SymmetricMode": True}
 PROLONGATION_SMOOTHER = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
 """How PyAMG smooths prolongations; its default begins with random numbers."""
-MAX_CG_STEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,36 +127,42 @@ class OrderedMatrix(NamedTuple):
 
 
 class ConjugateGradients:
-    """An iterate x (n,) for A x = b, with a positive definite A (n, n), and its residual r (n,).
+    """The change x (n,) of an iterate for A v = b, with a positive definite A, and its residual r (n,).
 
-    `precondition` takes r to z; it is symmetric and positive definite. `rz` is r . z.
+    `apply_matrix` takes v to A v, and `precondition` r to z; both are symmetric, and the second one may be 0
+    for some r: then v has its minimum among the functions that it reaches. `rz` is r . z. The first residual
+    is overwritten.
     """
 
-    def __init__(self, A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array]) -> None:
-        self.A = A
-        self.x = x
+    def __init__(
+        self, apply_matrix: Callable[[Array], Array], r: Array, precondition: Callable[[Array], Array]
+    ) -> None:
+        self.apply_matrix = apply_matrix
         self.precondition = precondition
-        self.r = b - A @ x
-        self.p = precondition(self.r)
-        self.rz = float(self.r @ self.p)
+        self.x = np.zeros_like(r)
+        self.r = r
+        self.p = precondition(r)
+        self.rz = float(r @ self.p)
 
     def step(self) -> float:
-        """Makes a step. Returns the decrease of x . A x - 2 b . x, which has its minimum where A x = b."""
+        """Makes a step. Returns the decrease of v . A v - 2 b . v, which has its minimum where A v = b."""
         if not self.rz > 0:
             return 0.0
         # x + alpha p with alpha = r . z / p . A p; the next p is z + (r . z / its value before) p
-        A_p = self.A @ self.p
+        A_p = self.apply_matrix(self.p)
         old = self.rz
         curvature = float(self.p @ A_p)
         if not curvature > 0:  # rounding hides it, as on domains far smaller than 1
             self.rz = 0.0
             return 0.0
         alpha = old / curvature
-        self.x = self.x + alpha * self.p
-        self.r = self.r - alpha * A_p
+        daxpy(self.p, self.x, a=alpha)
+        daxpy(A_p, self.r, a=-alpha)
+        del A_p  # its memory is needed for z
         z = self.precondition(self.r)
         self.rz = float(self.r @ z)
-        self.p = z + self.rz / old * self.p
+        self.p *= self.rz / old
+        self.p += z
         return alpha * old
 
 
@@ -168,20 +174,3 @@ def approximate_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
 
     levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=PROLONGATION_SMOOTHER)
     return levels.aspreconditioner().matvec  # type: ignore[no-any-return]
-
-
-def solve_sparse(
-    A: sp.csr_array, b: Array, start: Array, weights: Array, max_residual_square: float
-) -> tuple[Array, int]:
-    """x (n,) with A x = b, and the number of steps.
-
-    They begin at `start` (n,) and end when sum r_i^2 / weights_i is at most `max_residual_square`.
-    """
-    if len(b) <= MAX_FACTORISED_UNKNOWNS:
-        return factorise_by_dissection(A).solve(b), 1
-    run = ConjugateGradients(A, b, start, approximate_inverse(A))
-    steps = 0
-    while run.r @ (run.r / weights) > max_residual_square and steps < MAX_CG_STEPS and run.rz > 0:
-        run.step()
-        steps += 1
-    return run.x, steps

@@ -17,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from pyamg.amg_core import gauss_seidel_indexed
 from scipy.sparse.linalg import SuperLU, splu
 
-from unilateral.arrays import Array, Index, Int32
+from unilateral.arrays import Array, Index, Int32, Mask
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy
 
 MIN_ENERGY_SHARE = 1e-10
@@ -31,6 +32,35 @@ class NodalMatrix(NamedTuple):
 
     nodes: Index
     values: sp.csr_array
+
+
+class SymmetricCycle:
+    """One symmetric V-cycle on all levels, for functions that are 0 at the truncated and the clamped nodes.
+
+    Its eigenvalues lie in (0, 1]. The hats that the last level has changed are smoothed there.
+    """
+
+    def __init__(self, hierarchy: Hierarchy, is_truncated: Mask) -> None:
+        self.A = hierarchy.A
+        self.coarse_correction = TruncatedCycle(hierarchy, np.flatnonzero(is_truncated))
+        is_smoothed = np.zeros(hierarchy.n, dtype=bool)
+        smoothed = hierarchy.levels[-1].smoothed_nodes
+        is_smoothed[slice(None) if smoothed is None else smoothed] = True
+        self.nodes = np.flatnonzero(is_smoothed & ~is_truncated & ~hierarchy.clamped_nodes).astype(np.int32)
+
+    def apply(self, r: Array) -> Array:
+        """The correction z (n,) for r (n,), which is 0 at the nodes that are left out."""
+        z = np.zeros_like(r)
+        last = len(self.nodes)
+        self._sweep(z, r, 0, last, 1)
+        self.coarse_correction.correct(self.A, z, r)
+        self._sweep(z, r, last - 1, -1, -1)
+        return z
+
+    def _sweep(self, z: Array, r: Array, start: int, stop: int, step: int) -> None:
+        """One sweep of Gauss and Seidel for A z = r over the smoothed nodes."""
+        A = self.A
+        gauss_seidel_indexed(A.indptr, A.indices, A.data, z, r, self.nodes, start, stop, step)
 
 
 class TruncatedCycle:

@@ -29,7 +29,7 @@ from unilateral.discrete.problem_data import problem_form
 from unilateral.errors import InputError
 from unilateral.fem.condense import form_matrix
 from unilateral.fem.form import H1
-from unilateral.fem.p2 import linear_square_norms, quadratic_space
+from unilateral.fem.p2 import linear_square_norms
 from unilateral.formulas.expression import rational_expression as exact_number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -278,8 +278,9 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source = enclose_function(mesh, problem.source)
     sigma = np.zeros((len(mesh.boundary), 2))
-    w, q = sharp_bounds.balance_potential(source, np.zeros(mesh.n_nodes), sigma, H1)
-    field = sharp_bounds._build_misfit_field(quadratic_space(mesh), source, w, q, H1)
+    energy = sharp_bounds.build_energy(mesh, H1)
+    w, q = sharp_bounds.balance_potential(source, np.zeros(mesh.n_nodes), sigma, energy)
+    field = sharp_bounds._build_misfit_field(energy.spaces, source, w, q, H1)
     phi = rng.uniform(-1, 1, field.spaces.size)
     curl = linear_square_norms(mesh.areas, field.spaces.gradient(phi))
     extra = field.add_curl(phi).misfit_allowance - field.misfit_allowance

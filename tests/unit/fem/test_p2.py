@@ -18,7 +18,7 @@ def spaces(request):
 
 
 def integrate_by_scikit_fem(spaces, v, f):
-    """||grad v||^2, ||v||^2, (f, v) and ((f, -2 f), grad v), f (m, 3) linear on triangles."""
+    """||grad v||^2, ||v||^2, (f, v) and ((2 f, f), curl v), f (m, 3) linear on triangles."""
     mesh = spaces.mesh
     p2 = skfem.Basis(
         skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=6
@@ -36,7 +36,7 @@ def integrate_by_scikit_fem(spaces, v, f):
         lambda w: dot(grad(w.of), grad(w.of)),
         lambda w: w.of**2,
         lambda w: w.f * w.of,
-        lambda w: w.f * (grad(w.of)[0] - 2 * grad(w.of)[1]),
+        lambda w: w.f * (2 * grad(w.of)[1] - grad(w.of)[0]),
     )
     fields = {"of": p2.interpolate(value), "f": dg.interpolate(linear)}
     return [skfem.Functional(form).assemble(p2, **fields) for form in forms]
@@ -47,24 +47,24 @@ def test_products_are_those_of_P2(spaces):
     v = rng.standard_normal(spaces.size)
     f = rng.standard_normal(spaces.mesh.triangles.shape)
     energy, mass, load, along = integrate_by_scikit_fem(spaces, v, f)
-    field = f[..., None] * np.array([1.0, -2.0])
+    field = f[..., None] * np.array([2.0, 1.0])
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
         product = form.k * energy + form.c * mass
-        assert v @ (spaces.matrix(form) @ v) == pytest.approx(product, rel=1e-12)
+        assert v @ spaces.quadratic_form(form).apply(v) == pytest.approx(product, rel=1e-12)
     assert v @ spaces.load(f) == pytest.approx(load, rel=1e-12)
-    assert v @ spaces.gradient_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
+    assert v @ spaces.curl_load(field, 0 * field) == pytest.approx(along, rel=1e-12)
 
 
 def test_products_with_a_field_of_bubbles_follow_from_norms(spaces):
-    """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
+    """By ||curl v + b||^2 - ||curl v - b||^2 = 4 (curl v, b)."""
     rng = np.random.default_rng(2)
     v = rng.standard_normal(spaces.size)
     areas = spaces.mesh.areas
     field = rng.standard_normal((len(areas), 3, 2))
-    slope = spaces.gradient(v)
+    slope = spaces.gradient(v)[..., ::-1] * np.array([1.0, -1.0])
     extra_square_norms = quadratic_square_norms(areas, slope, 1 * field).sum()
     square_norms = quadratic_square_norms(areas, slope, (-1) * field).sum()
-    assert v @ spaces.gradient_load(0 * field, field) == pytest.approx(
+    assert v @ spaces.curl_load(0 * field, field) == pytest.approx(
         (extra_square_norms - square_norms) / 4, rel=1e-12
     )
 
@@ -82,27 +82,67 @@ def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
     assert v @ spaces.edge_load(flux) == pytest.approx(exact, rel=1e-12)
 
 
-def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
+def test_the_form_is_symmetric_and_has_the_squares_of_nodal_functions(spaces):
+    """Squares by products with themselves of functions that are 1 at one node or midpoint."""
+    rng = np.random.default_rng(8)
+    v, w = rng.standard_normal((2, spaces.size))
+    form = spaces.quadratic_form(Form(2.0, 300.0))
+    assert v @ form.apply(w) == pytest.approx(w @ form.apply(v), rel=1e-12)
+    for unknown in (0, 5, spaces.mesh.n_nodes, spaces.size - 1):
+        values = np.zeros(spaces.size)
+        values[unknown] = 1
+        function = spaces.subtract_hats(values)
+        assert form.nodal_squares[unknown] == pytest.approx(function @ form.apply(function), rel=1e-12)
+
+
+def test_coefficients_follow_from_values_at_nodes_and_midpoints(spaces):
+    """And functionals on functions with one value 1 from those on hats and bubbles: the transposed map."""
+    values, r = np.random.default_rng(9).standard_normal((2, spaces.size))
+    v = spaces.subtract_hats(values.copy())
+    middle = v[spaces.mesh.triangulation.ends].mean(axis=1) + v[spaces.mesh.n_nodes :]
+    np.testing.assert_allclose(np.append(v[: spaces.mesh.n_nodes], middle), values, rtol=0, atol=1e-14)
+    assert r @ v == pytest.approx(spaces.subtract_bubbles(r) @ values, rel=1e-12)
+
+
+def add_random_hats(spaces, functions):
+    """A sum of hats, 0 at fixed nodes, as `add_hats` adds them to 0; and the hats themselves."""
+    n = spaces.mesh.n_nodes
+    h = np.where(functions.is_fixed[:n], 0.0, np.random.default_rng(4).standard_normal(n))
+    v = np.zeros(spaces.size)
+    functions.add_hats(v, h)
+    return v, h
+
+
+def test_sums_of_hats_vanish_in_contact_and_are_linear_on_other_edges(spaces):
     nodes = spaces.boundary_unknowns[: len(spaces.mesh.boundary)]
     nb = len(spaces.mesh.boundary)
     contact = np.random.default_rng(3).random(2 * nb) < 0.5
-    free = spaces.vanishing_basis(contact)
-    v = free @ np.random.default_rng(4).standard_normal(free.shape[1])
+    functions = spaces.vanishing_functions(contact)
+    v, h = add_random_hats(spaces, functions)
     middle = 0.5 * (v[nodes] + v[np.roll(nodes, -1)]) + v[spaces.boundary_unknowns[nb:]]
     np.testing.assert_allclose(np.append(v[nodes], middle)[contact], 0, rtol=0, atol=1e-15)
-    assert free.shape[1] == np.linalg.matrix_rank(free.toarray()) == spaces.size - contact.sum()
+    assert np.count_nonzero(functions.is_fixed) == contact.sum()
+    assert np.array_equal(v[: len(h)], h)
+    assert np.all(v[np.flatnonzero(~functions.is_fixed[len(h) :]) + len(h)] == 0)
 
 
-def test_some_unknowns_may_be_0_besides(spaces):
+def test_functionals_on_sums_of_hats_are_those_on_all_functions(spaces):
+    """<r, E h> = <E^T r, h> for the map E from hats to what is added for them."""
     contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
-    other_unknown = spaces.unknowns[0]
-    v = spaces.vanishing_basis(contact, other_unknown) @ np.ones(
-        spaces.vanishing_basis(contact, other_unknown).shape[1]
-    )
-    assert np.all(v[other_unknown] == 0)
-    boundary = spaces.boundary_unknowns[contact]
-    n_fixed = len(np.union1d(boundary, other_unknown))
-    assert spaces.vanishing_basis(contact, other_unknown).shape[1] == spaces.size - n_fixed
+    functions = spaces.vanishing_functions(contact)
+    v, h = add_random_hats(spaces, functions)
+    r = np.random.default_rng(5).standard_normal(spaces.size)
+    assert r @ v == pytest.approx(functions.restrict_to_hats(r) @ h, rel=1e-12)
+
+
+def test_functions_may_vanish_at_other_places_besides(spaces):
+    """At the nodes and midpoints of a triangle."""
+    contact = np.random.default_rng(3).random(len(spaces.boundary_unknowns)) < 0.5
+    other_unknowns = spaces.unknowns[0]
+    functions = spaces.vanishing_functions(contact, other_unknowns)
+    assert np.all(add_random_hats(spaces, functions)[0][other_unknowns] == 0)
+    fixed = np.union1d(spaces.boundary_unknowns[contact], other_unknowns)
+    assert np.array_equal(np.flatnonzero(functions.is_fixed), fixed)
 
 
 def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spaces):
@@ -111,7 +151,7 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
     v[spaces.boundary_unknowns] = rng.standard_normal(len(spaces.boundary_unknowns))
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
         norm = boundary_layer(spaces.mesh).norm(form, *np.split(v[spaces.boundary_unknowns], 2))
-        assert norm**2 == pytest.approx(v @ (spaces.matrix(form) @ v), rel=1e-12)
+        assert norm**2 == pytest.approx(v @ spaces.quadratic_form(form).apply(v), rel=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (0, 3, 2), (4, 3), (4, 3, 2)])
