@@ -56,7 +56,7 @@ TRIANGLES_PER_BLOCK = 1 << 11
 """This many triangles are treated together: the numbers at their points fit into a processor's cache."""
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
-TARGET_REMAINDER_RATIO = 0.003
+TARGET_REMAINDER_RATIO = 0.01
 """E may be this times ||p - mean p|| times `relative_mesh_size`: like other errors it falls with h."""
 COARSE_TARGET_SHARE = 0.1
 """On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
