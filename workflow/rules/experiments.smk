@@ -119,6 +119,7 @@ rule extremes:
     output:
         extremes="results/extremes/extremes.nc",
         reaction="results/extremes/reaction.nc",
+        neighbours="results/extremes/neighbours.nc",
     log:
         "results/logs/extremes.log",
     benchmark:
@@ -129,7 +130,7 @@ rule extremes:
         study=config["extremes"],
         code=code("extremes"),
     message:
-        "extremes: where algorithms fail, and how sharp bounds are over c/k"
+        "extremes: where algorithms fail, how sharp bounds are over c/k, and the work at neighbouring sizes"
     script:
         "../scripts/extremes.py"
 

@@ -1,4 +1,4 @@
-"""Where algorithms fail, and how sharp bounds are over c/k."""
+"""Where algorithms fail, how sharp bounds are over c/k, and the work at neighbouring sizes."""
 
 from job import run
 
@@ -9,4 +9,5 @@ with run(snakemake):
         study=snakemake.params.study,
         extremes=snakemake.output.extremes,
         reaction=snakemake.output.reaction,
+        neighbours=snakemake.output.neighbours,
     )

@@ -56,7 +56,7 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import AdaptedMesh, halve_triangle_edges, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import default_mesh_kind, make_half_cell_mesh
+from unilateral.geometry.structured import default_mesh_kind, make_structured_cells
 from unilateral.problems.problem import Problem
 from unilateral.system.memory import forget_peak, peak_mb
 
@@ -281,7 +281,7 @@ def make_edge_pair_mesh(polygon: Polygon, H: float, kind: str, growth: float | N
     With a `growth` triangles are larger the farther they are from the boundary.
     """
     if kind == "structured":
-        return make_half_cell_mesh(polygon, H)
+        return make_structured_cells(polygon, H, 2)[0]
     cells = partitions.balance_cells(partitions.make_uniform_partition(polygon, H))
     return meshes.triangulate_from_cells(cells, 2, growth=growth)[0]
 

@@ -7,7 +7,8 @@ On a triangle f is near a polynomial p, |f - p| <= remainder. This holds on all 
 p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP, for
 each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving rounds
 them by half an EPS of their size. The remainder holds for coordinates that are rounded by up to
-VERTEX_ROUNDING of their size, so p is used on triangles up to MAX_ANCESTOR_HALVINGS halvings finer.
+VERTEX_ROUNDING of their size, so p is used on triangles up to MAX_ANCESTOR_HALVINGS halvings finer. Where
+more steps follow, other p's are sought early, while triangles are few.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ f_h, 162.
 """
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
-TARGET_REMAINDER_RATIO = 0.003
+TARGET_REMAINDER_RATIO = 0.01
 """E may be this times ||p - mean p|| times `relative_mesh_size`: like other errors it falls with h."""
 COARSE_TARGET_SHARE = 0.1
 """On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
@@ -223,6 +224,15 @@ def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
     return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length_scale, 1.0)
 
 
+def max_halvings_now(n_following: int) -> int:
+    """How many halvings triangles may be below those of their p, on a mesh after which so many steps follow.
+
+    New p's are sought on meshes after which a multiple of MAX_ANCESTOR_HALVINGS steps follows: from no mesh
+    with fewer triangles would they last as long. On other meshes p's need to last to the next of these.
+    """
+    return -n_following % MAX_ANCESTOR_HALVINGS if n_following else MAX_ANCESTOR_HALVINGS
+
+
 def sum_pieces(p_means: Array, area: Array, remainder_squares: Array) -> PieceSums:
     """The sums over pieces, from the `polynomial_means` (2, k) of p, the areas (k,) and E^2 (k,)."""
     integral, square = (p_means @ area).tolist()
@@ -258,7 +268,8 @@ class AncestorSearch:
         steps = mesh.steps[len(first_mesh.steps) :]
         n = len(first_mesh.triangles)
         self.numbers, self.halvings = np.zeros((2, n), dtype=np.int32)
-        self.is_coarse, self.is_new = np.ones((2, n), dtype=bool)
+        self.is_coarse: Mask = np.ones(n, dtype=bool)
+        self.is_new: Mask = np.ones(n, dtype=bool)
         is_searched = self.is_coarse
         if ancestors:
             self.polynomials = ancestors.polynomials
@@ -268,25 +279,27 @@ class AncestorSearch:
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
             # not those with a p of their own, nor those that stay whole: what is known on them is kept
             is_split = np.isin(np.arange(n), np.concatenate([self.numbers[:0], *(s.parent for s in steps)]))
-            is_searched = self.is_coarse & (self.halvings > 0) & is_split
+            is_far_below = self.halvings > max_halvings_now(len(steps))
+            is_searched = is_split & (is_far_below | (self.is_coarse & (self.halvings > 0)))
         self._enclose(first_mesh.triangles[is_searched], np.flatnonzero(is_searched))
-        for step in steps:
-            self._search_after(step)
+        for i, step in enumerate(steps, start=1):
+            self._search_after(step, n_following=len(steps) - i)
 
     @property
     def ancestors(self) -> Ancestors:
         """The polynomials that were found, and on which triangles of the mesh each holds."""
         return Ancestors(self.polynomials, self.numbers, self.halvings)
 
-    def _search_after(self, step: RefinementStep) -> None:
+    def _search_after(self, step: RefinementStep, n_following: int) -> None:
         """Go on to the mesh after a step; search where the ancestor is not near enough, or too far above."""
-        again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
         self.numbers = step.inherit(self.numbers)
         self.halvings = step.inherit(self.halvings)
         self.is_coarse = step.inherit(self.is_coarse)
         self.is_new = step.inherit(self.is_new)
         self.halvings[step.triangles] += 1
         self.is_new[step.triangles] = True
+        is_far_below = self.halvings[step.triangles] > max_halvings_now(n_following)
+        again = self.is_coarse[step.triangles] | is_far_below
         self._enclose(step.nodes[again], step.triangles[again])
 
     def _enclose(self, nodes: Index, triangles: Index) -> None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 MIN_MULTIGRID_UNKNOWNS = 20_000
 """From this many unknowns on multigrid is cheaper than condensing to A_3; below, its import takes longer."""
 COARSE_MESH_UNKNOWNS = 5000
-"""The coarse mesh that an unstructured one is refined from has about this many unknowns."""
+"""The coarse mesh that a large one is refined from has about this many unknowns."""
 MAX_CELL_RATIO = 1.5
 """A mesh made by halving has at most this many times the boundary cells of a uniform one that is not."""
 MULTIGRID_BYTES = 400
@@ -102,7 +102,7 @@ def check_condensing_memory(mesh: Mesh, partition: Partition) -> None:
 
 
 def choose_halvings(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
-    """How often a coarse unstructured mesh is halved to get so many `edges` in each cell of the size H.
+    """How often a coarse mesh is halved to get so many `edges` in each cell of the size H.
 
     0 where condensing to the boundary is cheaper. It is not halved so often that short sides, which have a
     cell from the beginning, get many cells.

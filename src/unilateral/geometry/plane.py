@@ -6,6 +6,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, row_blocks
 
+SIDES_PER_BLOCK = 32
+"""So many sides of a polygon are compared with all its sides at a time."""
+
 
 def cross(a: Array, b: Array) -> Array:
     """Signed areas (...) of the parallelograms that vectors (..., 2) span, above 0 where b is left of a."""
@@ -58,29 +61,34 @@ def centroid_circles(vertices: Array) -> tuple[Array, Array]:
 def first_crossing(vertices: Array) -> tuple[int, int] | None:
     """The first two sides of a polygon with the vertices (n, 2) that meet elsewhere than in one of them."""
     after = np.roll(vertices, -1, axis=0)
-    for i in range(len(vertices) - 1):
-        crossed = np.flatnonzero(_meets_later_sides(vertices, after, i))
-        if crossed.size:
-            return i, i + 1 + int(crossed[0])
+    low = np.minimum(vertices, after)
+    high = np.maximum(vertices, after)
+    for block in row_blocks(len(vertices), SIDES_PER_BLOCK):
+        # sides i < j can only meet where the smallest rectangles around them do
+        apart = (low[block, None] > high) | (high[block, None] < low)
+        i, j = np.nonzero(np.triu(~apart.any(axis=2), block.start + 1))
+        i += block.start
+        meeting = np.flatnonzero(_sides_meet(vertices, after, i, j))
+        if meeting.size:
+            return int(i[meeting[0]]), int(j[meeting[0]])
     return None
 
 
-def _meets_later_sides(starts: Array, ends: Array, i: int) -> Mask:
-    """Whether side i meets each later side elsewhere than in a vertex they share, (n - i - 1,)."""
-    later = np.arange(i + 1, len(starts))
-    meets = _segments_meet(starts[i], ends[i], starts[later], ends[later])
+def _sides_meet(starts: Array, ends: Array, i: Index, j: Index) -> Mask:
+    """Whether sides i (k,) meet the later sides j (k,) elsewhere than in a vertex they share, (k,)."""
+    meets = _segments_meet(starts[i], ends[i], starts[j], ends[j])
     # Neighbours share a vertex, and meet elsewhere only if one folds back over the other
-    follows = later == i + 1
-    precedes = (i == 0) & (later == len(starts) - 1)
-    shared = np.where(follows[:, None], ends[i], starts[i])
-    along_i = np.where(follows[:, None], starts[i], ends[i]) - shared
-    along_later = np.where(follows[:, None], ends[later], starts[later]) - shared
-    folded = (cross(along_i, along_later) == 0) & (np.sum(along_i * along_later, axis=1) > 0)
-    return np.where(follows | precedes, folded, meets)
+    follows = (j == i + 1)[:, None]
+    precedes = (i == 0) & (j == len(starts) - 1)
+    shared = np.where(follows, ends[i], starts[i])
+    along_i = np.where(follows, starts[i], ends[i]) - shared
+    along_j = np.where(follows, ends[j], starts[j]) - shared
+    folded = (cross(along_i, along_j) == 0) & (np.sum(along_i * along_j, axis=1) > 0)
+    return np.where(follows[:, 0] | precedes, folded, meets)
 
 
 def _segments_meet(a: Array, b: Array, c: Array, d: Array) -> Mask:
-    """Whether the segment from a to b (2,) meets each of those from c to d (k, 2), (k,)."""
+    """Whether each segment from a to b (k, 2) meets that from c to d (k, 2), (k,)."""
     # They cross if each has its ends on different sides of the other one's line
     abc = cross(b - a, c - a)
     abd = cross(b - a, d - a)

@@ -9,6 +9,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh, build_conforming_mesh, refine_uniformly
+from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.system.optional import find_missing_packages
 
@@ -41,11 +42,19 @@ def make_structured_mesh(polygon: Polygon, h: float) -> Mesh:
     return _refine_from_coarsest(polygon, _make_tensor_grid(polygon, h))
 
 
-def make_half_cell_mesh(polygon: Polygon, H: float) -> Mesh:
-    """The mesh whose boundary edges 0 and 1, 2 and 3, .. are the halves of cells of the size H at most."""
-    grid = _make_tensor_grid(polygon, H)
-    halved = grid._replace(x_divisions=2 * grid.x_divisions, y_divisions=2 * grid.y_divisions)
-    return _refine_from_coarsest(polygon, halved)
+def make_structured_cells(
+    polygon: Polygon, H: float, edges_per_cell: int, halvings: int = 0
+) -> tuple[Mesh, Partition]:
+    """A structured mesh with `edges_per_cell` equal boundary edges in every cell of the size H at most.
+
+    The edges and the cells are then halved `halvings` times. Raises InputError as `make_structured_mesh`.
+    """
+    cells = _make_tensor_grid(polygon, H)
+    edges = 2**halvings * edges_per_cell
+    grid = cells._replace(x_divisions=edges * cells.x_divisions, y_divisions=edges * cells.y_divisions)
+    mesh = _refine_from_coarsest(polygon, grid)
+    # every edges_per_cell-th boundary node is an end of a cell
+    return mesh, Partition(polygon, mesh.s[::edges_per_cell])
 
 
 def _make_tensor_grid(polygon: Polygon, size: float) -> TensorGrid:

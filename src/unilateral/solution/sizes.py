@@ -14,7 +14,11 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, make_uniform_partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import default_mesh_kind, make_structured_mesh
+from unilateral.geometry.structured import (
+    default_mesh_kind,
+    make_structured_cells,
+    make_structured_mesh,
+)
 from unilateral.problems.build import put_on_mesh
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
@@ -86,13 +90,15 @@ def make_mesh_and_partition(
     mesh_kind = mesh_or_kind or default_mesh_kind(polygon)
     # edges in each cell: H/h, rounded up unless rounding alone has made it larger than a whole number
     edges = math.ceil(max_H / max_h * (1 - 1e-12))
-    halvings = (
-        choose_halvings(polygon, max_H, edges, stop) if mesh_kind == "unstructured" and edges > 1 else 0
-    )
-    if halvings:  # large meshes are refined from coarse ones, so that multigrid has levels
-        coarse_partition = make_uniform_partition(polygon, 2**halvings * max_H)
-        return meshes.triangulate_from_cells(coarse_partition, edges, halvings)
-    return MESH_KINDS[mesh_kind](polygon, max_h), make_uniform_partition(polygon, max_H)
+    halvings = choose_halvings(polygon, max_H, edges, stop) if edges > 1 else 0
+    if not halvings:
+        return MESH_KINDS[mesh_kind](polygon, max_h), make_uniform_partition(polygon, max_H)
+    # large meshes are refined from coarse ones, so that multigrid has levels: h and H become smaller than
+    # asked for where a side does not consist of whole cells of the coarse mesh
+    coarse_H = 2**halvings * max_H
+    if mesh_kind == "structured":
+        return make_structured_cells(polygon, coarse_H, edges, halvings)
+    return meshes.triangulate_from_cells(make_uniform_partition(polygon, coarse_H), edges, halvings)
 
 
 def fit_mesh(mesh: Mesh, polygon: Polygon) -> Mesh:

@@ -557,6 +557,26 @@ def test_far_descendants_are_asked_for_again():
         assert counted.pieces < len(mesh.triangles)
 
 
+@pytest.mark.parametrize(("times", "expected"), [(6, 2), (7, 2 + 2 * 4), (8, 2 + 2 * 4**2)])
+def test_far_descendants_are_asked_for_while_they_are_few(times, expected):
+    """Step k makes 2 4^k of two triangles. These are looked at again if 6 steps follow."""
+    mesh = meshes.refine_uniformly(make_structured_mesh(square(), 1), times)
+    counted = Counted("3")
+    enclose_function(mesh, counted)
+    assert counted.pieces == expected
+
+
+def test_far_descendants_of_a_mesh_before_are_asked_for_on_it():
+    """Two triangles that were halved six times: 2 4^6 are looked at, not their 2 4^7 quarters."""
+    mesh = meshes.refine_uniformly(make_structured_mesh(square(), 1), 6)
+    source = Counted("3")
+    before = enclose_function(mesh, source)
+    source.pieces = 0
+    enclosure = enclose_function(meshes.refine_triangles(mesh), source, before)
+    assert source.pieces == len(mesh.triangles)
+    assert np.all(enclosure.ancestors.halvings == 1)
+
+
 def test_far_descendants_that_are_not_asked_for_again_exceed_the_allowance(monkeypatch):
     """Their corners are no multiples of 2^-6: f_h is wrong there by far more than the rest."""
     mesh = deep(12)[-1]

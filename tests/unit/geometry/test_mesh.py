@@ -17,7 +17,7 @@ from unilateral.geometry import partition
 from unilateral.geometry.mesh import from_arrays, make_unstructured_mesh, refine_uniformly
 from unilateral.geometry.outline import find_outline
 from unilateral.geometry.polygon import Polygon, find_polygon, square
-from unilateral.geometry.structured import default_mesh_kind, make_half_cell_mesh, make_structured_mesh
+from unilateral.geometry.structured import default_mesh_kind, make_structured_cells, make_structured_mesh
 
 WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(np.pi / 9), np.sin(np.pi / 9)]]), "wedge")
 
@@ -305,11 +305,13 @@ def test_gaps_between_vertices_are_cut_into_parts_of_their_own():
     mesh = make_structured_mesh(step, 1 / 3)
     assert len(mesh.triangles) == 2 * (3 * 1 + 2 * 3)
     assert set(mesh.points[:, 0]) == {0, 0.25, 0.5, 0.75}
-    halved = make_half_cell_mesh(step, 1 / 3)
+    halved, cells = make_structured_cells(step, 1 / 3, 2, 1)
+    # each edge of the mesh is two cells of two edges
     edges = np.diff(halved.s)
     assert_allclose(edges[0::2], edges[1::2])
-    assert edges.max() <= 1 / 6
-    assert halved.n_nodes > mesh.n_nodes
+    assert_allclose(cells.points, halved.s[::2])
+    assert_allclose(cells.points[::2], mesh.s)
+    assert len(edges) == 4 * len(mesh.boundary)
 
 
 def test_a_gmsh_that_does_not_load_is_told_with_the_line_to_type(tmp_path, monkeypatch):

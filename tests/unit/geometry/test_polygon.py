@@ -55,17 +55,23 @@ def regular(n):
 
 
 def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch):
-    """Control: one vertex less is compared with the others; the circumscribed circle's diameter is 2."""
+    """Control: one vertex less is compared; the circumscribed circle's diameter is 2.
+
+    Sides of one quadrant rise or fall all the way, so only neighbours have rectangles that meet.
+    """
     compared = []
-    compare = plane._meets_later_sides
-    monkeypatch.setattr(
-        plane, "_meets_later_sides", lambda *arguments: compared.append(arguments) or compare(*arguments)
-    )
+    compare = plane._sides_meet
+
+    def count(starts, ends, i, j):
+        compared.extend(zip(i.tolist(), j.tolist(), strict=True))
+        return compare(starts, ends, i, j)
+
+    monkeypatch.setattr(plane, "_sides_meet", count)
     with sentences.raises(InputError):
         Polygon(regular(1001))
     assert compared == []
     assert_allclose(Polygon(regular(1000)).diameter, 2, rtol=ROUND_OFF)
-    assert len(compared) == 999
+    assert sorted(compared) == sorted([(i, i + 1) for i in range(999)] + [(0, 999)])
 
 
 def test_memory_grows_like_the_number_of_vertices():
@@ -78,10 +84,12 @@ def test_memory_grows_like_the_number_of_vertices():
     assert peak < 100 * 8 * len(vertices)
 
 
-@pytest.mark.parametrize(("i", "j"), [(0, 2), (1, 3), (3, 7), (2, 6)])
-def test_the_first_crossing_is_found_anywhere(i, j):
-    """Two vertices of an octagon exchanged: the sides that then cross first, by all pairs of segments."""
-    vertices = regular(8)
+@pytest.mark.parametrize(
+    ("n", "i", "j"), [(8, 0, 2), (8, 1, 3), (8, 3, 7), (8, 2, 6), (100, 70, 73), (100, 2, 99)]
+)
+def test_the_first_crossing_is_found_anywhere(n, i, j):
+    """Two vertices of an n-gon exchanged: the sides that then cross first, by all pairs of segments."""
+    vertices = regular(n)
     vertices[[i, j]] = vertices[[j, i]]
     after = np.roll(vertices, -1, axis=0)
 
@@ -95,7 +103,7 @@ def test_the_first_crossing_is_found_anywhere(i, j):
         d = after[m]
         return cross(a, b, c) * cross(a, b, d) < 0 and cross(c, d, a) * cross(c, d, b) < 0
 
-    first = next((k, m) for k in range(8) for m in range(k + 1, 8) if meet(k, m))
+    first = next((k, m) for k in range(n) for m in range(k + 1, n) if meet(k, m))
     with sentences.raises(InputError, f"its sides {first[0]} and {first[1]} meet"):
         Polygon(vertices)
 

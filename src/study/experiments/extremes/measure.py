@@ -10,6 +10,7 @@ import xarray as xr
 
 from study import tables
 from study.experiments.extremes import data_axes, mesh_axes
+from study.experiments.extremes.neighbours import survey_neighbours
 from study.experiments.extremes.outcome import OUTCOME_NO_TOOL, OUTCOME_RIGHT, Axis, Budget, try_value
 from study.experiments.extremes.reaction import survey_reaction
 from unilateral.arrays import Array
@@ -49,10 +50,11 @@ AXES: dict[str, Callable[[Array, float, float, Budget], Axis]] = {
 """The axes: functions of the values, h, H and the budget of a run."""
 
 
-def try_extremes(study: Mapping[str, Any], extremes: str, reaction: str) -> None:
-    """Write the table of all axes, and that of the errors and bounds over c/k."""
+def try_extremes(study: Mapping[str, Any], extremes: str, reaction: str, neighbours: str) -> None:
+    """Write the tables of all axes, of errors and bounds over c/k, and of the work at neighbouring sizes."""
     tables.save_table(survey_axes(study), extremes, "extremes", {"extremes": study})
     tables.save_table(survey_reaction(study["reaction"]), reaction, "extremes", {"extremes": study})
+    tables.save_table(survey_neighbours(study), neighbours, "extremes", {"extremes": study})
 
 
 def survey_axes(study: Mapping[str, Any]) -> xr.Dataset:

@@ -69,6 +69,11 @@ STEPS = table(measured_limit=[1.5, 1.0], axis=["step_partial", "b"])
 FLOOR = partial(extremes.rounding_floor, table="t", axis="a", factor=5.0)
 
 
+def make_sizes(work):
+    """Work of one case at h = 1/16, 1/32 and 1/33."""
+    return table(case=["a"], h=("mesh", [1 / 16, 1 / 32, 1 / 33]), work=(("case", "mesh"), work))
+
+
 def make_reaction_rows(**changed):
     """Errors and bounds of one case on one mesh, for c/k = 0, 1e-6 and 1."""
     fields = {
@@ -94,6 +99,10 @@ ROWS = [
     ("X.tiny", make_reaction_rows(energy_error=[2.0, 2.03, 8.0]), (0.015, False)),
     ("X.tiny", make_reaction_rows(sharp_bound=[2.2, 2.3, 8.0]), (2.3 / 2.2 * 2 / 2.01 - 1, False)),
     ("X.tiny", make_reaction_rows(cheap_bound=[3.0, NAN, 40.0]), (INF, False)),
+    # Sizes that differ by 5 % or more are not compared; work that falls is a cliff on the way back.
+    ("X.cost", make_sizes(work=[[9.0, 1.0, 1.25]]), (1.25, True)),
+    ("X.cost", make_sizes(work=[[1.0, 2.0, 1.0]]), (2.0, False)),
+    ("X.cost", make_sizes(work=[[1.0, 1.0, 1.6]]), (1.6, False)),
     *[(power(exponent), SLOPE, distance) for exponent, distance in ((-2, 0), (-1, 1), (-3, 1))],
     (power(-2), points(value=[0.2, 0.1], measured=[1, NAN]), "fewer than two numbers are known on the"),
     # The first step that fails is the measured one.
