@@ -268,7 +268,7 @@ def test_the_stored_manifest_names_every_file_and_its_rule(plan, planned_jobs):
     assert len(manifest) > 100
 
 
-PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
+PEAK = re.compile(r"^done in .* with at most (\d+) MB$", re.MULTILINE)
 SNAKEMAKE = 350
 """MB that Snakemake's own two processes took in a job of Slurm."""
 
