@@ -268,7 +268,7 @@ def test_the_stored_manifest_names_every_file_and_its_rule(plan, planned_jobs):
     assert len(manifest) > 100
 
 
-PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
+PEAK = re.compile(r"^done in .* with at most (\d+) MB$", re.MULTILINE)
 SNAKEMAKE = 350
 """MB that Snakemake's own two processes took in a job of Slurm."""
 
@@ -316,12 +316,11 @@ def digest(rule):
         return code.digest_program(f"workflow/scripts/{rule}.py")
 
 
-def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned_jobs):
+def test_each_job_is_measured_under_its_rule_s_name_and_nothing_reads_that(planned_jobs):
     """Seconds and memory differ from run to run, so nothing reads them, and nothing misses them."""
-    measured = {job["rule"]: job["benchmark"] for job in planned_jobs if job["benchmark"]}
-    assert measured.keys() >= {"solve", "surveys", "sharpness", "adaptive", "extremes", "graded"}
-    for rule, path in measured.items():
-        assert re.fullmatch(rf"results/benchmarks/{rule}(/.*)?\.tsv", path)
+    for job in planned_jobs:
+        if job["script"]:
+            assert re.fullmatch(rf"results/benchmarks/{job['rule']}(/.*)?\.tsv", job["benchmark"])
     assert not [
         file for job in planned_jobs for file in job["input"] if file.startswith("results/benchmarks")
     ]

@@ -9,6 +9,8 @@ rule claims:
         claims="results/claims.json",
     log:
         "results/logs/claims.log",
+    benchmark:
+        "results/benchmarks/claims.tsv"
     resources:
         **TELLS,
     params:

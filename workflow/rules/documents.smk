@@ -40,6 +40,8 @@ rule document_numbers:
         blocks="results/blocks.json",
     log:
         "results/logs/document_numbers.log",
+    benchmark:
+        "results/benchmarks/document_numbers.tsv"
     resources:
         **TELLS,
     params:
@@ -60,6 +62,8 @@ rule documents:
         documents=update(DOCUMENTS),
     log:
         "results/logs/documents.log",
+    benchmark:
+        "results/benchmarks/documents.tsv"
     resources:
         **TELLS,
     params:

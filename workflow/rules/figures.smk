@@ -9,6 +9,8 @@ rule draw_rates:
         **figure("rates_{scene}", "rates"),
     log:
         "results/logs/draw_rates/{scene}.log",
+    benchmark:
+        "results/benchmarks/draw_rates/{scene}.tsv"
     resources:
         **TELLS,
     params:
@@ -26,6 +28,8 @@ rule draw_grid_square:
         **figure("grid_square"),
     log:
         "results/logs/draw_grid_square.log",
+    benchmark:
+        "results/benchmarks/draw_grid_square.tsv"
     resources:
         **TELLS,
     params:
@@ -45,6 +49,8 @@ rule draw_dual_square:
         **figure("dual_square"),
     log:
         "results/logs/draw_dual_square.log",
+    benchmark:
+        "results/benchmarks/draw_dual_square.tsv"
     resources:
         **TELLS,
     params:
@@ -62,6 +68,8 @@ rule draw_solution:
         **figure("solution"),
     log:
         "results/logs/draw_solution.log",
+    benchmark:
+        "results/benchmarks/draw_solution.tsv"
     resources:
         **TELLS,
     params:
@@ -85,6 +93,8 @@ rule draw_consistency:
         **figure("consistency"),
     log:
         "results/logs/draw_consistency.log",
+    benchmark:
+        "results/benchmarks/draw_consistency.tsv"
     resources:
         **TELLS,
     params:
@@ -107,6 +117,8 @@ rule draw_sharpness:
         **figure("sharpness"),
     log:
         "results/logs/draw_sharpness.log",
+    benchmark:
+        "results/benchmarks/draw_sharpness.tsv"
     resources:
         **TELLS,
     params:
@@ -124,6 +136,8 @@ rule draw_infsup:
         **figure("infsup"),
     log:
         "results/logs/draw_infsup.log",
+    benchmark:
+        "results/benchmarks/draw_infsup.tsv"
     resources:
         **TELLS,
     params:
@@ -143,6 +157,8 @@ rule draw_adaptive:
         **figure("adaptive"),
     log:
         "results/logs/draw_adaptive.log",
+    benchmark:
+        "results/benchmarks/draw_adaptive.tsv"
     resources:
         **TELLS,
     params:
@@ -160,6 +176,8 @@ rule draw_multiplier:
         **figure("multiplier"),
     log:
         "results/logs/draw_multiplier.log",
+    benchmark:
+        "results/benchmarks/draw_multiplier.tsv"
     resources:
         **TELLS,
     params:
@@ -178,6 +196,8 @@ rule draw_extremes:
         **figure("extremes"),
     log:
         "results/logs/draw_extremes.log",
+    benchmark:
+        "results/benchmarks/draw_extremes.tsv"
     resources:
         **TELLS,
     params:
@@ -195,6 +215,8 @@ rule draw_reaction:
         **figure("reaction"),
     log:
         "results/logs/draw_reaction.log",
+    benchmark:
+        "results/benchmarks/draw_reaction.tsv"
     resources:
         **TELLS,
     params:
@@ -212,6 +234,8 @@ rule draw_verdict:
         **figure("verdict"),
     log:
         "results/logs/draw_verdict.log",
+    benchmark:
+        "results/benchmarks/draw_verdict.tsv"
     resources:
         **TELLS,
     params:
@@ -231,6 +255,8 @@ rule draw_work_precision:
         **figure("work_precision"),
     log:
         "results/logs/draw_work_precision.log",
+    benchmark:
+        "results/benchmarks/draw_work_precision.tsv"
     resources:
         **TELLS,
     params:
@@ -250,6 +276,8 @@ rule draw_benchmarks:
         **figure("benchmarks"),
     log:
         "results/logs/draw_benchmarks.log",
+    benchmark:
+        "results/benchmarks/draw_benchmarks.tsv"
     resources:
         **TELLS,
     params:

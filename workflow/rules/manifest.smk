@@ -22,6 +22,8 @@ rule manifest:
         sums="results/SHA256SUMS",
     log:
         "results/logs/manifest.log",
+    benchmark:
+        "results/benchmarks/manifest.tsv"
     resources:
         **TELLS,
     params:

@@ -22,6 +22,8 @@ rule typeset:
         pdf=report("results/paper/{paper}.pdf", category="Paper", labels={"paper": "{paper}, in print"}),
     log:
         "results/logs/typeset/{paper}.log",
+    benchmark:
+        "results/benchmarks/typeset/{paper}.tsv"
     resources:
         **TELLS,
     params:

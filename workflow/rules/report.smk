@@ -28,6 +28,8 @@ rule pages:
         ],
     log:
         "results/logs/pages.log",
+    benchmark:
+        "results/benchmarks/pages.tsv"
     resources:
         **TELLS,
     params:
@@ -53,6 +55,8 @@ rule curves:
         ),
     log:
         "results/logs/curves.log",
+    benchmark:
+        "results/benchmarks/curves.tsv"
     resources:
         **TELLS,
     params:

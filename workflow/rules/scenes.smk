@@ -8,6 +8,8 @@ rule dual_norm:
         dual_norm="results/{scene}/dual_norm.nc",
     log:
         "results/logs/dual_norm/{scene}.log",
+    benchmark:
+        "results/benchmarks/dual_norm/{scene}.tsv"
     resources:
         **SOLVES,
     params:
@@ -53,6 +55,8 @@ rule rates:
         rates="results/{scene}/rates.nc",
     log:
         "results/logs/rates/{scene}.log",
+    benchmark:
+        "results/benchmarks/rates/{scene}.tsv"
     resources:
         **TELLS,
     params:
@@ -74,6 +78,8 @@ rule totals:
         totals="results/{scene}/totals.nc",
     log:
         "results/logs/totals/{scene}.log",
+    benchmark:
+        "results/benchmarks/totals/{scene}.tsv"
     resources:
         **SOLVES,
     params:
@@ -96,6 +102,8 @@ rule floors:
         floors="results/{scene}/floors.nc",
     log:
         "results/logs/floors/{scene}.log",
+    benchmark:
+        "results/benchmarks/floors/{scene}.tsv"
     resources:
         **TELLS,
     params:

@@ -27,7 +27,11 @@ def run(snakemake):
         with cleaning_up(), stamp_rule(snakemake.rule):
             _check_inputs([file for file in snakemake.input if file.endswith(".nc")], snakemake.config)
             yield
-        print(f"done in {perf_counter() - start:.1f} s, with at most {peak_mb():.0f} MB")
+        seconds = perf_counter() - start
+        # user and system, of this process and of those that it started
+        processor_seconds = sum(os.times()[:4])
+        cost = f"{seconds:.1f} s, {processor_seconds:.1f} s of the processor, with at most {peak_mb():.0f} MB"
+        print(f"done in {cost}")
         return
     except InputError as error:
         message = str(error)
