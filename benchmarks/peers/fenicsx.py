@@ -31,7 +31,6 @@ from benchmarks.peers.nested import (
     solve_by_nested_iteration,
 )
 
-SQUARE = "square"
 CYCLE = {
     "mg_levels_ksp_type": "richardson",
     "mg_levels_ksp_max_it": 1,
@@ -60,9 +59,9 @@ def set_options(values: dict[str, Any]) -> None:
         database[name] = value
 
 
-def make_space(level: Level, points: np.ndarray, polygon: str) -> FunctionSpace:
+def make_space(level: Level, points: np.ndarray, is_uniform_square: bool) -> FunctionSpace:
     """P1 on a level's mesh; of the square by dolfinx's own generator, which is faster."""
-    if polygon == SQUARE:
+    if is_uniform_square:
         n = round(len(level.load) ** 0.5) - 1
         mesh = create_unit_square(MPI.COMM_SELF, n, n)
     else:
@@ -180,7 +179,8 @@ def main() -> None:
     points = data["points"]
     levels = read_levels(data)
     clock = Clock()
-    spaces = [make_space(level, points, parameters["polygon"]) for level in levels]
+    is_uniform_square = parameters["polygon"] == "square" and parameters["flat"] == 1
+    spaces = [make_space(level, points, is_uniform_square) for level in levels]
     clock.lap("mesh")
     matrices = [assemble(V) for V in spaces]
     interpolations = [interpolation(level) for level in levels[1:]]

@@ -86,8 +86,8 @@ def solve_by_nested_iteration(
     """u (n,) on the finest mesh, and how many `iterations` and `sets` that mesh took.
 
     `interpolations` lead to each level but the first. `make_preconditioner` is called once a level, with its
-    number and the free nodes (n,) of the first set. Later sets have other free nodes, so it has to be positive
-    definite on all nodes. `tolerance` bounds (r . M r)^(1/2) at the end, which estimates the error in the
+    number and the free nodes (n,) of the first set. Later sets have other free nodes, so it has to be
+    positive definite on all nodes. `tolerance` bounds (r . M r)^(1/2) at the end, which estimates the error in the
     energy norm. Raises RuntimeError if that takes too many sets.
     """
     contact = np.isfinite(levels[0].obstacle)

@@ -1,8 +1,8 @@
 """NGSolve: the nodal Signorini problem by nested iteration.
 
-The preconditioner of a mesh is NGSolve's sparse Cholesky factors (`inverse="sparsecholesky"`) of the first set,
-which its documentation recommends for symmetric matrices. Its algebraic multigrid `h1amg` took longer: in two
-dimensions the factors are that good.
+The preconditioner of a mesh is NGSolve's sparse Cholesky factors (`inverse="sparsecholesky"`) of the first
+set, which its documentation recommends for symmetric matrices. Its algebraic multigrid `h1amg` took longer:
+in two dimensions the factors are that good.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """scikit-fem and PyAMG: the nodal Signorini problem by proximal Galerkin, from mesh to mesh.
 
 J. S. Dokken, P. E. Farrell, B. Keith, I. P. A. Papadopoulos, T. M. Surowiec, The latent variable proximal
-point algorithm for variational problems with inequality constraints, 2025: for u, and psi at the nodes i of the
-boundary,
+point algorithm for variational problems with inequality constraints, 2025: for u, and psi at the nodes i of
+the boundary,
 
     alpha (A u - b)_i + m_i (psi_i - psi^0_i) = 0,    u_i - g_i = exp(psi_i),
 
-where psi^0 is that of the step before, alpha grows from step to step, and m_i is half the length of both edges
-at the node. Newton's systems for u take conjugate gradients with a geometric V-cycle of PyAMG.
+where psi^0 is that of the step before, alpha grows from step to step, and m_i is half the length of both
+edges at the node. Newton's systems for u take conjugate gradients with a geometric V-cycle of PyAMG.
 """
 
 from __future__ import annotations

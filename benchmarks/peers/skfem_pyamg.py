@@ -1,8 +1,8 @@
 """scikit-fem and PyAMG: the nodal Signorini problem by nested iteration.
 
-Matrices by forms, as in scikit-fem's documentation. The preconditioner is a V-cycle of PyAMG with one sweep of
-Gauss-Seidel before and after, on the nested meshes themselves (`cycle: geometric`), or PyAMG's own cycle of
-each matrix (`cycle: ruge_stuben`, as in scikit-fem's example 9).
+Matrices by forms, as in scikit-fem's documentation. The preconditioner is a V-cycle of PyAMG with one sweep
+of Gauss-Seidel before and after, on the nested meshes themselves (`cycle: geometric`), or PyAMG's own cycle
+of each matrix (`cycle: ruge_stuben`, as in scikit-fem's example 9).
 """
 
 from __future__ import annotations
