@@ -87,8 +87,8 @@ def solve_by_nested_iteration(
 
     `interpolations` lead to each level but the first. `make_preconditioner` is called once a level, with its
     number and the free nodes (n,) of the first set. Later sets have other free nodes, so it has to be
-    positive definite on all nodes. `tolerance` bounds (r . M r)^(1/2) at the end, which estimates the error in the
-    energy norm. Raises RuntimeError if that takes too many sets.
+    positive definite on all nodes. `tolerance` bounds (r . M r)^(1/2) at the end, an estimate of the error in
+    the energy norm. Raises RuntimeError if that takes too many sets.
     """
     contact = np.isfinite(levels[0].obstacle)
     u = np.where(contact, levels[0].obstacle, 0.0)
@@ -148,7 +148,7 @@ def solve_by_conjugate_gradients(
     """
     r = np.where(free, load - multiply(u), 0.0)
     z = np.where(free, precondition(r), 0.0)
-    square = first_square = r @ z
+    square = first_square = float(r @ z)
     p = z.copy()
     steps = 0
     while square > max(goal, factor * first_square**0.5) ** 2 and steps < MAX_STEPS:
@@ -158,7 +158,7 @@ def solve_by_conjugate_gradients(
         r -= alpha * Ap
         z = np.where(free, precondition(r), 0.0)
         previous_square = square
-        square = r @ z
+        square = float(r @ z)
         p *= square / previous_square
         p += z
         steps += 1
