@@ -14,10 +14,11 @@ SOLVERS: dict[str, tuple[str, style.Look]] = {
     "further": ("the same, each further problem", {"color": style.COLOURS[6], "marker": "o"}),
     "recursive newton": ("recursive elimination, active set", {"color": style.COLOURS[2], "marker": "s"}),
     "sparse newton": ("sparse elimination, active set", {"color": style.COLOURS[5], "marker": "D"}),
-    "fenicsx": ("FEniCSx, not nested (nodal)", {"color": style.COLOURS[1], "marker": "^"}),
-    "skfem": ("scikit-fem, not nested (nodal)", {"color": style.COLOURS[3], "marker": "v"}),
-    "ngsolve": ("NGSolve, not nested (nodal)", {"color": style.COLOURS[4], "marker": "P"}),
-    "getfem": ("GetFEM, not nested ($H=4h$)", {"color": GREY, "marker": "X"}),
+    "fenicsx": ("FEniCSx, PCMG", {"color": style.COLOURS[1], "marker": "^"}),
+    "skfem": ("scikit-fem, PyAMG", {"color": style.COLOURS[3], "marker": "v"}),
+    "proximal": ("proximal Galerkin", {"color": style.COLOURS[3], "marker": "<", "ls": style.LINE_STYLES[1]}),
+    "ngsolve": ("NGSolve, Cholesky", {"color": style.COLOURS[4], "marker": "P"}),
+    "getfem": ("GetFEM ($H=4h$)", {"color": GREY, "marker": "X"}),
 }
 ALGORITHMS: dict[str, tuple[str, style.Look]] = {
     "uzawa": ("Uzawa", {"ls": style.LINE_STYLES[2]}),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -30,6 +30,7 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
         "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
         "commands": command_numbers(results["benchmarks/commands"]),
         "trust": trust_numbers(results["benchmarks/trust"]),
+        "precision": precision_numbers(results["benchmarks/precision"]),
         "scores": {name: parse_real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
@@ -42,18 +43,39 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
         "benchmark-problems": side_by_side.problems(results["benchmarks/results"]),
         "commands": commands(results["benchmarks/commands"]),
         "trust": trust(results["benchmarks/trust"]),
+        "precision": precision(results["benchmarks/precision"]),
         "scores": scores(results["benchmarks/scores"]),
     }
 
 
 def command_numbers(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last."""
+    """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last.
+
+    Also the driver of another package with the least seconds on the large mesh, over this project's command.
+    """
     (bound,) = [row for row in stored["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
     levels = [row["levels_over_last"] for row in stored["rows"] if row["solver"] == OURS and row["n"] == 0]
     return {
         **{name: stored[name] for name in ("date", "processor")},
         **{name: bound[name] for name in ("unknowns", "bound_over_solve")},
         "levels_over_last": max(levels, default=1.0),
+        "fastest": _fastest_driver(stored["rows"]),
+    }
+
+
+def _fastest_driver(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Its name, and its seconds and memory over this project's, which certifies its answer."""
+    large = [row for row in rows if row["n"] == LARGE and row["solver"] in NAMES]
+    if not large:
+        return {}
+    fastest = min(large, key=lambda row: row["cpu_seconds"])
+    (ours,) = [
+        row for row in rows if (row["solver"], row["problem"], row["n"]) == (OURS, fastest["problem"], LARGE)
+    ]
+    return {
+        "name": NAMES[fastest["solver"]],
+        "over_ours": fastest["over_ours"],
+        "memory_over_ours": fastest["peak_mb"] / ours["peak_mb"],
     }
 
 
@@ -103,6 +125,33 @@ def trust(stored: Mapping[str, Any]) -> pd.DataFrame:
     largest = stored["rows"][-1]
     table["each"] = [f"{two_digits(1e6 * largest[p]['seconds'] / largest['triangles'])} µs" for p in TRUST]
     return table.assign(memory=[f"{largest[name]['mb']:.0f} MB" for name in TRUST])
+
+
+def precision_numbers(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """The date, the processor, and the least and most unknowns and seconds of ours over those of P2."""
+    numbers: dict[str, Any] = {name: stored[name] for name in ("date", "processor")}
+    for name in ("unknowns", "cpu_seconds"):
+        ratios = [row["ours"][name] / row["p2"][name] for row in stored["rows"]]
+        numbers[name] = {"least": min(ratios), "most": max(ratios)}
+    return numbers
+
+
+def precision(stored: Mapping[str, Any]) -> pd.DataFrame:
+    """Unknowns and seconds of P2 to an accuracy, and of this project to a certified one."""
+    return pd.DataFrame(
+        [
+            {
+                "case": f"`{row['case']}`",
+                "error of u in H¹": format_value(row["accuracy"], ".2g%"),
+                "P2: unknowns": format_value(row["p2"]["unknowns"], "space"),
+                "P2: seconds": two_digits(row["p2"]["cpu_seconds"]),
+                "ours: unknowns": format_value(row["ours"]["unknowns"], "space"),
+                "ours: seconds": two_digits(row["ours"]["cpu_seconds"]),
+                "ours: guaranteed": format_value(row["ours"]["bound"], "up.2g%"),
+            }
+            for row in stored["rows"]
+        ]
+    )
 
 
 def scores(table: pd.DataFrame) -> pd.DataFrame:

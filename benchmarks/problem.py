@@ -35,7 +35,7 @@ from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import assemble_load_by_blocks, case_moments
 from unilateral.formulas.formula import compile_numpy
-from unilateral.geometry.mesh import Mesh, build_conforming_mesh, refine_uniformly
+from unilateral.geometry.mesh import Mesh, build_conforming_mesh, refine_triangles, refine_uniformly
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import find_polygon
 from unilateral.geometry.structured import make_structured_mesh
@@ -48,6 +48,8 @@ from unilateral.problems.problem import Problem, as_formula
 from unilateral.solvers.multigrid import Multigrid, build_multigrid
 from unilateral.system.files import replacing
 
+MIN_COARSE_NODES = 1000
+"""Other solvers begin with a mesh of at least so many nodes: its matrices are factorised in milliseconds."""
 CONVERGED = 1e-7
 """The algebraic error of w: below all errors in H1 here by four orders of magnitude."""
 Order = Mapping[str, Any]
@@ -76,7 +78,7 @@ def prepare(order: Order, path: Path) -> None:
     """The data of a problem in a file, see below.
 
     `load` (n,), and the cell `means_K` of g on cells of K edges; the `error` in H1 of the discrete solution
-    w. Up to the size `judged` also the mesh, g at its boundary nodes, w and `residual` (n,), r above; beyond
+    w. Up to the size `judged` also the meshes, g at boundary nodes, w and `residual` (n,), r above; beyond
     it the error is that of the size `judged`, smaller by the ratio of the sizes.
     """
     if problem_file.is_problem_file(order["case"]):
@@ -118,8 +120,22 @@ def _solve_known_problem(case: ExactSolution, mesh: Mesh, load: Array, means: Ar
 
 
 def _arrays(mesh: Mesh) -> dict[str, Any]:
-    arrays = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32)}
-    return {**arrays, "boundary": mesh.boundary, "s": mesh.s}
+    """The mesh, and the meshes of which it is a refinement, from the first that is fine enough.
+
+    Nodes keep their numbers when a mesh is refined. So the nodes of level k are the first ones, and the
+    further nodes of the next level are the middles of edges, whose `ends_k` are nodes of level k.
+    """
+    levels = [mesh.coarse or mesh]
+    while len(levels) <= mesh.halvings:
+        levels.append(refine_triangles(levels[-1]))
+    levels = [level for level in levels if level.n_nodes >= MIN_COARSE_NODES] or [mesh]
+    arrays: dict[str, Any] = {"points": mesh.points, "n_levels": len(levels)}
+    for k, level in enumerate(levels):
+        arrays |= {f"triangles_{k}": level.triangles.astype(np.int32)}
+        arrays |= {f"boundary_{k}": level.boundary, f"s_{k}": level.s}
+    for k, finer in enumerate(levels[1:]):
+        arrays[f"ends_{k}"] = finer.steps[-1].ends.astype(np.int32)
+    return arrays
 
 
 def _solve_unknown_problem(problem: Problem, order: Order) -> dict[str, Any]:

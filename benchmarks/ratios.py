@@ -13,10 +13,8 @@ NODAL = 0
 MULTIGRID = "multigrid"
 FURTHER = "further"
 LINEAR = "linear"
-PEERS = ("fenicsx", "skfem", "ngsolve")
-"""The other solvers with nodal constraints."""
-OTHERS = (*PEERS, "getfem")
-"""All others; GetFEM has this very method, on cells of four edges."""
+PEERS = ("fenicsx", "fenicsx_hypre", "snesvi", "skfem", "skfem_amg", "proximal", "ngsolve")
+"""The other solvers with nodal constraints; GetFEM has this very method, on cells of four edges."""
 H_OVER_H = {FURTHER: 4, "getfem": 4, LINEAR: NODAL} | dict.fromkeys(PEERS, NODAL)
 """The H/h of what is compared; it is 2 where none is listed."""
 ROW_BYTES = 7 * (8 + 4) + 4
@@ -32,9 +30,10 @@ def along(
     return runs[chosen].set_index("n").sort_index()
 
 
-def ratios(runs: pd.DataFrame, way: str, reference: str = MULTIGRID) -> pd.Series:
-    """Seconds of a way over those of another one, for `natural`, over n where both were measured."""
-    return (along(runs, way)["cpu_seconds"] / along(runs, reference)["cpu_seconds"]).dropna()
+def ratios(runs: pd.DataFrame, way: str, reference: str = MULTIGRID, problem: str = "natural") -> pd.Series:
+    """Seconds of a way over those of another one, over n where both were measured."""
+    seconds = along(runs, way, problem)["cpu_seconds"]
+    return (seconds / along(runs, reference, problem)["cpu_seconds"]).dropna()
 
 
 def growth(seconds: pd.Series) -> float:

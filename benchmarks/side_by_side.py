@@ -20,14 +20,18 @@ NAMES = {
     "sparse newton": "**this project**, sparse elimination, active set",
     "recursive nesterov": "**this project**, recursive elimination, accelerated Uzawa",
     "recursive uzawa": "**this project**, recursive elimination, plain Uzawa",
-    "fenicsx": "FEniCSx, PETSc's SNESVI and hypre, nodal, not nested",
-    "skfem": "scikit-fem and PyAMG, active set, nodal, not nested",
-    "ngsolve": "NGSolve, sparse Cholesky, active set, nodal, not nested",
-    "getfem": "GetFEM, this P1/P0 method, H = 4h, not nested",
+    "fenicsx": "FEniCSx, PCMG, active set, nodal",
+    "fenicsx_hypre": "FEniCSx, hypre, active set, nodal",
+    "snesvi": "FEniCSx, PETSc's SNESVI and hypre, nodal",
+    "skfem": "scikit-fem, PyAMG's cycle on the meshes, active set, nodal",
+    "skfem_amg": "scikit-fem, PyAMG's Ruge–Stüben, active set, nodal",
+    "proximal": "scikit-fem, PyAMG's cycle on the meshes, proximal Galerkin, nodal",
+    "ngsolve": "NGSolve, sparse Cholesky, active set, nodal",
+    "getfem": "GetFEM, this P1/P0 method, H = 4h",
 }
-"""Other solvers were started from contact everywhere on the finest mesh. This project has nested iteration
-for itself, so ratios of their seconds to its own would be no fair comparison: there are none.
-"""
+"""All begin on a coarse mesh, and go from mesh to mesh."""
+BESIDE = {"fenicsx": "FEniCSx, PCMG", "skfem": "scikit-fem, PyAMG"}
+"""The solvers that are run on several problems."""
 PHASES = {"start": "start, not counted", "mesh": "mesh", "assembly": "matrices", "solve": "solve"}
 COUNTS = {"iterations": "iterations", "sets": "sets or steps"}
 PROBLEMS = {
@@ -42,9 +46,9 @@ PROBLEMS = {
 
 
 def solvers(table: xr.Dataset) -> pd.DataFrame:
-    """The seconds from nothing for `natural`, and the largest memory with its size.
+    """The seconds from nothing for `natural`, as ratios to multigrid's, and the largest memory with its size.
 
-    Those of this project are ratios to multigrid's. A solver that was not there has no row.
+    A solver that was not there has no row.
     """
     runs = table.to_dataframe()
     return pd.DataFrame([_solver(runs, way) for way in NAMES if len(judge.along(runs, way))])
@@ -58,8 +62,7 @@ def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
         cell = "–"
         if n in levels.index:
             seconds = f"{two_digits(levels['cpu_seconds'][n])} s"
-            is_absolute = way in (judge.MULTIGRID, *judge.OTHERS)
-            cell = seconds if is_absolute else f"× {two_digits(ratio[n])} ({seconds})"
+            cell = seconds if way == judge.MULTIGRID else f"× {two_digits(ratio[n])} ({seconds})"
         row[f"{format_value((n + 1) ** 2, 'space')} unknowns"] = cell
     last = levels.index[levels.index <= SHOWN[-1]].max()
     size_note = "" if last == SHOWN[-1] else f" (at {format_value((last + 1) ** 2, 'space')})"
@@ -96,7 +99,10 @@ def _count(value: float) -> str:
 
 
 def problems(table: xr.Dataset) -> pd.DataFrame:
-    """Multigrid's iterations for each problem, and its seconds on the finest mesh shown."""
+    """Multigrid's iterations and seconds for each problem, and the seconds of others over its own.
+
+    Its seconds are those on the finest mesh shown; the ratios are those on the finest mesh of both.
+    """
     runs = table.to_dataframe()
     rows = []
     for problem, name in PROBLEMS.items():
@@ -110,8 +116,13 @@ def problems(table: xr.Dataset) -> pd.DataFrame:
             "n": str(n),
         }
         row |= {"seconds": two_digits(levels["cpu_seconds"][n]), "each further": two_digits(further[n])}
+        row |= {name: _finest_ratio(judge.ratios(runs, way, problem=problem)) for way, name in BESIDE.items()}
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _finest_ratio(ratios: pd.Series) -> str:
+    return f"× {two_digits(ratios.iloc[-1])} (n = {ratios.index[-1]})" if len(ratios) else "–"
 
 
 def _span(counts: pd.Series) -> str:
@@ -137,6 +148,7 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
         "worst": float(runs.loc[comparable(runs), "over_discrete"].max() - 1),
         "zones": float((counts["zones_37"] / counts["natural"]).max()),
         "slivers": int(counts["slivers"].max()),
+        **_compare_fastest(runs, n),
         "over_linear": float(multigrid["solve_cpu"][n] / judge.along(runs, judge.LINEAR)["solve_cpu"][n]),
         "reads": judge.reads(runs, table, n),
         "bandwidth": float(table["bandwidth"]) / 1e9,
@@ -148,6 +160,24 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
             judge.ratios(runs, "recursive further newton", judge.FURTHER), 256, 1024
         ),
     }
+
+
+def _compare_fastest(runs: pd.DataFrame, n: int) -> dict[str, Any]:
+    """The other solver with the least seconds at n, and with the least in the solve alone.
+
+    Both are ratios to this project's seconds; there is none without other solvers.
+    """
+    ours = judge.along(runs, judge.MULTIGRID).loc[n]
+    levels = {way: judge.along(runs, way) for way in judge.PEERS}
+    others = pd.DataFrame({way: runs_at.loc[n] for way, runs_at in levels.items() if n in runs_at.index}).T
+    if others.empty:
+        return {}
+    compared = {"fastest": "cpu_seconds", "fastest_solve": "solve_cpu"}
+    numbers: dict[str, Any] = {}
+    for name, column in compared.items():
+        way = others[column].astype(float).idxmin()
+        numbers[name] = {"name": NAMES[str(way)], "ratio": float(others[column][way] / ours[column])}
+    return numbers
 
 
 def comparable(runs: pd.DataFrame) -> pd.Series:

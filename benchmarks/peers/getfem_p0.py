@@ -1,18 +1,22 @@
-"""GetFEM: this very P1/P0 method, as a Newton method for its augmented Lagrangian.
+"""GetFEM: this very P1/P0 method, as a Newton method for its augmented Lagrangian, from mesh to mesh.
 
 Bricks as in GetFEM's user documentation: Laplacian and mass bricks, and the basic contact brick with
 B_N u <= gap, where the rows of B_N are minus the means over the cells of the boundary. Linear systems by
-the solver that GetFEM chooses itself.
+the solver that GetFEM chooses itself. Each mesh starts from u and the pressure of the mesh before.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import getfem as gf
 import numpy as np
 
 from benchmarks.peers.driver import Clock, match_nodes, order, report
+from benchmarks.peers.nested import Level, interpolation, read_levels
 
-MOST = 100
+MAX_STEPS = 100
 
 
 def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spmat:
@@ -30,39 +34,74 @@ def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spma
     return B
 
 
-def main() -> None:
-    """A run."""
-    data, parameters, path = order()
-    points = data["points"]
-    triangles = data["triangles"]
-    edges = parameters["H_over_h"]
-    clock = Clock()
-    mesh = gf.Mesh("ptND", points.T, triangles.T)
+def coarsen_means(means: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """The means (m / 2,) over pairs of cells, from those over m cells between arc lengths (m + 1,)."""
+    lengths = np.diff(s).reshape(-1, 2)
+    averages: np.ndarray = (lengths * means.reshape(-1, 2)).sum(axis=1) / lengths.sum(axis=1)
+    return averages
+
+
+def make_space(mesh: Any) -> Any:
+    """P1 on a mesh."""
     V = gf.MeshFem(mesh, 1)
-    rule = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     V.set_classical_fem(1)
-    clock.lap("mesh")
-    dofs = V.basic_dof_nodes().T
-    dof_of_node = match_nodes(points, dofs)
-    load = np.empty(len(points))
-    load[dof_of_node] = data["load"]
-    B = minus_means(dof_of_node[data["boundary"]], data["s"], edges, len(points))
-    clock.skip()
+    return V
+
+
+def build_model(
+    mesh: Any, V: Any, level: Level, means: np.ndarray, parameters: Mapping[str, Any], B: gf.Spmat
+) -> Any:
+    """The problem on a level, with the cell means (m,) of g; `level` has GetFEM's numbers of nodes."""
+    rule = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     model = gf.Model("real")
     model.add_fem_variable("u", V)
     model.add_Laplacian_brick(rule, "u")
     model.add_mass_brick(rule, "u")
-    model.add_explicit_rhs("u", load)
-    model.add_variable("pressure", B.size()[0])
+    model.add_explicit_rhs("u", level.load)
+    model.add_variable("pressure", len(means))
     model.add_initialized_data("r", [parameters["r"]])
     model.add_initialized_data("alpha", [1.0])
-    model.add_initialized_data("gap", -data[f"means_{edges}"])
+    model.add_initialized_data("gap", -means)
     model.add_basic_contact_brick("u", "pressure", "r", B, "gap", "alpha", parameters["version"])
-    steps, converged = model.solve("max_res", parameters["tolerance"], "max_iter", MOST)
+    return model
+
+
+def main() -> None:
+    """A run."""
+    data, parameters, path = order()
+    points = data["points"]
+    edges = parameters["H_over_h"]
+    levels = [level for level in read_levels(data) if len(level.boundary) % edges == 0]
+    means = [data[f"means_{edges}"]]
+    for level in levels[:0:-1]:
+        means.insert(0, coarsen_means(means[0], level.s[::edges]))
+    clock = Clock()
+    meshes = [gf.Mesh("ptND", points[: len(level.load)].T, level.triangles.T) for level in levels]
+    spaces = [make_space(mesh) for mesh in meshes]
+    clock.lap("mesh")
+    # GetFEM numbers nodes anew: an artefact of data that all solvers share, which does not count
+    dofs = [V.basic_dof_nodes().T for V in spaces]
+    numbers = [match_nodes(points[: len(x)], x) for x in dofs]
+    clock.skip()
+    pressure = np.zeros(0)
+    u = np.zeros(0)
+    for k, (mesh, V, level, dof_of_node) in enumerate(zip(meshes, spaces, levels, numbers, strict=True)):
+        load = np.empty(len(level.load))
+        load[dof_of_node] = level.load
+        B = minus_means(dof_of_node[level.boundary], level.s, edges, len(load))
+        model = build_model(mesh, V, level._replace(load=load), means[k], parameters, B)
+        if k:
+            start = np.empty(len(load))
+            start[dof_of_node] = interpolation(level) @ u
+            model.set_variable("u", start)
+            model.set_variable("pressure", np.repeat(pressure, 2))
+        steps, converged = model.solve("max_res", parameters["tolerance"], "max_iter", MAX_STEPS)
+        assert converged
+        u = model.variable("u")[dof_of_node]
+        pressure = model.variable("pressure")
     clock.lap("solve")
-    assert converged
-    result = {"way": "getfem", "H_over_h": edges, "phases": clock.only(clock.phases), "sets": int(steps)}
-    report(clock, path, dofs, [result], [model.variable("u")])
+    result = {"way": parameters["way"], "H_over_h": edges, "phases": clock.only(clock.phases)}
+    report(clock, path, points, [{**result, "sets": int(steps)}], [u])
 
 
 if __name__ == "__main__":

@@ -1,74 +1,93 @@
-"""NGSolve: the nodal Signorini problem by the primal-dual active set.
+"""NGSolve: the nodal Signorini problem by nested iteration.
 
-A linear system on the free nodes by NGSolve's own sparse Cholesky factors (`inverse="sparsecholesky"`), which
-its documentation recommends for symmetric matrices. With its algebraic multigrid `h1amg`, which has to be set
-up for each set as well, a set takes longer: in two dimensions its factors are that good.
+The preconditioner of a mesh is NGSolve's sparse Cholesky factors (`inverse="sparsecholesky"`) of the first
+set, which its documentation recommends for symmetric matrices. Its algebraic multigrid `h1amg` took longer:
+in two dimensions the factors are that good.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import netgen.meshing as netgen
 import ngsolve as ng
 import numpy as np
+import scipy.sparse as sp
 
 from benchmarks.peers.driver import Clock, order, report
+from benchmarks.peers.nested import Level, Operator, interpolation, read_levels, solve_by_nested_iteration
 
-MOST = 50
 
-
-def triangulation(points: np.ndarray, triangles: np.ndarray, boundary: np.ndarray) -> ng.Mesh:
-    """The given mesh."""
+def make_mesh(level: Level, points: np.ndarray) -> ng.Mesh:
+    """A level's mesh."""
+    nodes = points[: len(level.load)]
     mesh = netgen.Mesh(dim=2)
-    mesh.AddPoints(np.column_stack([points, np.zeros(len(points))]))
+    mesh.AddPoints(np.column_stack([nodes, np.zeros(len(nodes))]))
     mesh.Add(netgen.FaceDescriptor(bc=1, domin=1, surfnr=1))
-    edges = np.column_stack([boundary, np.roll(boundary, -1)]).astype(np.int32)
-    mesh.AddElements(dim=2, index=1, data=triangles, base=0)
+    edges = np.column_stack([level.boundary, np.roll(level.boundary, -1)]).astype(np.int32)
+    mesh.AddElements(dim=2, index=1, data=level.triangles, base=0)
     mesh.AddElements(dim=1, index=1, data=edges, base=0)
     return ng.Mesh(mesh)
 
 
+def as_operator(A: Any, matrix: Any) -> Operator:
+    """A matrix of NGSolve, or an inverse, for arrays (n,)."""
+    x = matrix.CreateColVector()
+    y = matrix.CreateColVector()
+
+    def multiply(values: np.ndarray) -> np.ndarray:
+        """The result in an array of its own."""
+        x.FV().NumPy()[:] = values
+        y.data = A * x
+        return y.FV().NumPy().copy()
+
+    return multiply
+
+
+def factorise(matrix: Any, free: np.ndarray) -> Operator:
+    """Sparse Cholesky factors for the free nodes (n,), and the diagonal for the others."""
+    nodes = ng.BitArray(len(free))
+    nodes.Set()
+    others = np.flatnonzero(~free)
+    for node in others.tolist():
+        nodes.Clear(node)
+    solve = as_operator(matrix.Inverse(nodes, inverse="sparsecholesky"), matrix)
+    diagonal = sp.csr_matrix(matrix.CSR()).diagonal()[others]
+
+    def precondition(values: np.ndarray) -> np.ndarray:
+        """A contact node of the first set may be a free node of the next one."""
+        result = solve(values)
+        result[others] = values[others] / diagonal
+        return result
+
+    return precondition
+
+
 def main() -> None:
     """A run."""
-    data, _, path = order()
+    data, parameters, path = order()
     points = data["points"]
-    triangles = data["triangles"]
-    boundary = data["boundary"]
-    g = data["obstacle"]
-    load = data["load"]
+    levels = read_levels(data)
     clock = Clock()
-    mesh = triangulation(points, triangles, boundary)
-    V = ng.H1(mesh, order=1)
+    spaces = [ng.H1(make_mesh(level, points), order=1) for level in levels]
     clock.lap("mesh")
-    u, v = V.TnT()
-    A = ng.BilinearForm((ng.grad(u) * ng.grad(v) + u * v) * ng.dx, symmetric=True).Assemble().mat
+    matrices = []
+    for V in spaces:
+        u, v = V.TnT()
+        form = ng.BilinearForm((ng.grad(u) * ng.grad(v) + u * v) * ng.dx, symmetric=True)
+        matrices.append(form.Assemble().mat)
+    interpolations = [interpolation(level) for level in levels[1:]]
     clock.lap("assembly")
-    x = A.CreateColVector()
-    r = A.CreateColVector()
-    values = x.FV().NumPy()
-    residual = r.FV().NumPy()
-    contact = np.ones(len(boundary), dtype=bool)
-    sets = 0
-    values[:] = 0
-    while sets < MOST:
-        sets += 1
-        free = ng.BitArray(V.ndof)
-        free.Set()
-        for node in boundary[contact].tolist():
-            free.Clear(node)
-        # u = g on the contact nodes, and A u = load on the others: a correction of the residual there
-        values[boundary[contact]] = g[contact]
-        r.data = A * x
-        residual[:] = load - residual
-        x.data += A.Inverse(free, inverse="sparsecholesky") * r
-        r.data = A * x
-        # A contact node stays where its reaction A u - load is positive, a free one is added where u < g
-        after = np.where(contact, (residual - load)[boundary] > 0, values[boundary] < g)
-        if np.array_equal(after, contact):
-            break
-        contact = after
+    values, counts = solve_by_nested_iteration(
+        levels,
+        interpolations,
+        [as_operator(A, A) for A in matrices],
+        lambda k, free: factorise(matrices[k], free),
+        parameters["tolerance"] * float(data["error"]),
+    )
     clock.lap("solve")
-    result = {"way": "ngsolve", "phases": clock.only(clock.phases), "sets": sets}
-    report(clock, path, points, [result], [values.copy()])
+    result = {"way": parameters["way"], "phases": clock.only(clock.phases), **counts}
+    report(clock, path, points, [result], [values])
 
 
 if __name__ == "__main__":

@@ -1,21 +1,31 @@
-"""scikit-fem and PyAMG: the nodal Signorini problem by the primal-dual active set.
+"""scikit-fem and PyAMG: the nodal Signorini problem by nested iteration.
 
-Matrices by forms and contact nodes by `condense`, as in scikit-fem's documentation; linear systems by
-conjugate gradients with a PyAMG hierarchy, as its example 9 has it, from the u of the set before. The set is
-looked at after every factor `rtol` of the residual: M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13
-(2002) 865-888.
+Matrices by forms, as in scikit-fem's documentation. The preconditioner is a V-cycle of PyAMG with one sweep
+of Gauss-Seidel before and after, on the nested meshes themselves (`cycle: geometric`), or PyAMG's own cycle
+of each matrix (`cycle: ruge_stuben`, as in scikit-fem's example 9).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import pyamg
-from skfem import Basis, BilinearForm, ElementTriP1, MeshTri, condense
+import scipy.sparse as sp
+from pyamg.multilevel import MultilevelSolver
+from pyamg.relaxation.smoothing import change_smoothers
+from scipy.sparse.linalg import splu
+from skfem import Basis, BilinearForm, ElementTriP1, MeshTri
 from skfem.helpers import dot, grad
 
 from benchmarks.peers.driver import Clock, order, report
-
-MOST = 50
+from benchmarks.peers.nested import (
+    Level,
+    Operator,
+    interpolation,
+    read_levels,
+    solve_by_nested_iteration,
+)
 
 
 @BilinearForm
@@ -24,46 +34,96 @@ def energy(u, v, w):  # type: ignore[no-untyped-def]
     return dot(grad(u), grad(v)) + u * v
 
 
+def keep_free(A: sp.csr_matrix, free: np.ndarray) -> sp.csr_matrix:
+    """A with rows and columns of nodes that are not free replaced by their diagonals."""
+    if free.all():
+        return A
+    A = A.copy()
+    row_numbers = np.repeat(np.arange(A.shape[0], dtype=np.int32), np.diff(A.indptr))
+    A.data[~(free[row_numbers] & free[A.indices]) & (row_numbers != A.indices)] = 0
+    return A
+
+
+def restrict_to_free(
+    matrices: Sequence[sp.csr_matrix], interpolations: Sequence[sp.csr_matrix], free: np.ndarray
+) -> tuple[list[sp.csr_matrix], list[sp.csr_matrix]]:
+    """Matrices and interpolations for the free nodes (n,) of the finest mesh; nodes keep their numbers."""
+    kept = [keep_free(matrices[-1], free)]
+    kept_interpolations: list[sp.csr_matrix] = []
+    for A, P in zip(matrices[-2::-1], interpolations[::-1], strict=True):
+        free_coarse = free[: A.shape[0]]
+        kept.append(keep_free(A, free_coarse))
+        kept_interpolations.append(
+            (sp.diags(free.astype(float)) @ P @ sp.diags(free_coarse.astype(float))).tocsr()
+        )
+        free = free_coarse
+    return kept[::-1], kept_interpolations[::-1]
+
+
+def make_cycle(matrices: Sequence[sp.csr_matrix], interpolations: Sequence[sp.csr_matrix]) -> Operator:
+    """A V-cycle on nested meshes, the coarsest first."""
+    levels = []
+    for A, P in zip(matrices[::-1], [*interpolations[::-1], None], strict=True):
+        level = MultilevelSolver.Level()
+        level.A = A
+        if P is not None:
+            level.P = P
+            level.R = P.T.tocsr()
+        levels.append(level)
+    solver = MultilevelSolver(levels, coarse_solver="splu")
+    change_smoothers(solver, ("gauss_seidel", {"sweep": "forward"}), ("gauss_seidel", {"sweep": "backward"}))
+    return apply_cycle(solver)
+
+
+def apply_cycle(solver: MultilevelSolver) -> Operator:
+    """One V-cycle of a hierarchy, as a preconditioner."""
+    multiply: Operator = solver.aspreconditioner("V").matvec
+    return multiply
+
+
+def make_bases(levels: Sequence[Level], points: np.ndarray) -> list[Basis]:
+    """P1 on all meshes."""
+    return [
+        Basis(MeshTri(points[: len(level.load)].T.copy(), level.triangles.T.astype(np.int64)), ElementTriP1())
+        for level in levels
+    ]
+
+
+def assemble(basis: Basis) -> sp.csr_matrix:
+    """The matrix of (u, v)_1."""
+    return energy.assemble(basis).tocsr()
+
+
 def main() -> None:
     """A run."""
     data, parameters, path = order()
-    points = data["points"]
-    triangles = data["triangles"].astype(np.int64)
-    b = data["load"]
-    boundary = data["boundary"]
-    g = np.full(len(points), -np.inf)
-    g[boundary] = data["obstacle"]
+    levels = read_levels(data)
     clock = Clock()
-    basis = Basis(MeshTri(points.T.copy(), triangles.T.copy()), ElementTriP1())
+    bases = make_bases(levels, data["points"])
     clock.lap("mesh")
-    A = energy.assemble(basis)
+    matrices = [assemble(basis) for basis in bases]
+    interpolations = [interpolation(level) for level in levels[1:]]
     clock.lap("assembly")
-    u = np.where(np.isfinite(g), g, 0.0)
-    contact = np.sort(boundary)
-    sets = 0
-    iterations = 0
-    small = parameters["tolerance"] * np.linalg.norm(b)
-    while True:
-        u[contact] = g[contact]
-        sets = sets + 1
-        A_II, b_I, _, inner = condense(A, b, x=u, D=contact)
-        hierarchy = getattr(pyamg, f"{parameters['hierarchy']}_solver")(A_II)
-        after = contact
-        r = b_I - A_II @ u[inner]
-        while np.array_equal(after, contact) and np.linalg.norm(r) > small:
-            residuals: list[float] = []
-            u[inner] += hierarchy.solve(r, tol=parameters["rtol"], accel="cg", residuals=residuals)
-            r = b_I - A_II @ u[inner]
-            iterations = iterations + len(residuals) - 1
-            # Next: contact nodes with a positive reaction A u - b, and boundary nodes with u < g
-            pressed = contact[A[contact] @ u > b[contact]]
-            after = np.union1d(pressed, boundary[u[boundary] < g[boundary]])
-        if np.array_equal(after, contact) or sets == MOST:
-            break
-        contact = after
+
+    def make_preconditioner(k: int, free: np.ndarray) -> Operator:
+        """Factors on the coarsest mesh, and a cycle on each other."""
+        if k == 0:
+            return splu(keep_free(matrices[0], free).tocsc()).solve
+        if parameters["cycle"] == "geometric":
+            return make_cycle(*restrict_to_free(matrices[: k + 1], interpolations[:k], free))
+        set_up: Callable[..., MultilevelSolver] = getattr(pyamg, f"{parameters['cycle']}_solver")
+        return apply_cycle(set_up(keep_free(matrices[k], free)))
+
+    u, counts = solve_by_nested_iteration(
+        levels,
+        interpolations,
+        [A.dot for A in matrices],
+        make_preconditioner,
+        parameters["tolerance"] * float(data["error"]),
+    )
     clock.lap("solve")
-    result = {"way": "skfem", "phases": clock.only(clock.phases), "iterations": iterations, "sets": sets}
-    report(clock, path, points, [result], [u])
+    result = {"way": parameters["way"], "phases": clock.only(clock.phases), **counts}
+    report(clock, path, data["points"], [result], [u])
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ rule document_numbers:
             "benchmarks/scores.csv",
             "benchmarks/commands.json",
             "benchmarks/trust.json",
+            "benchmarks/precision.json",
             "results/cells/errors.nc",
             "results/cells/alternating.nc",
             "results/certain/contact.nc",
