@@ -15,6 +15,7 @@ rule cost:
         "results/logs/cost.log",
     benchmark:
         "results/benchmarks/cost.tsv"
+    priority: 1
     resources:
         **SOLVES,
     params:

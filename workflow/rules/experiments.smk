@@ -1,4 +1,6 @@
 # Experiments of their own: their fields of the configuration -> their tables.
+#
+# Those that take longest have a priority: where they start last, a core waits for them with nothing to do.
 
 
 rule adaptive:
@@ -14,6 +16,7 @@ rule adaptive:
         "results/logs/adaptive.log",
     benchmark:
         "results/benchmarks/adaptive.tsv"
+    priority: 1
     resources:
         **SOLVES,
     params:
@@ -123,6 +126,7 @@ rule extremes:
         "results/logs/extremes.log",
     benchmark:
         "results/benchmarks/extremes.tsv"
+    priority: 1
     resources:
         **SOLVES,
     params:
@@ -166,6 +170,7 @@ rule sharpness:
         "results/logs/sharpness.log",
     benchmark:
         "results/benchmarks/sharpness.tsv"
+    priority: 1
     resources:
         **SOLVES,
     params:
@@ -185,6 +190,7 @@ rule surveys:
         "results/logs/surveys.log",
     benchmark:
         "results/benchmarks/surveys.tsv"
+    priority: 1
     resources:
         **SOLVES,
     params:

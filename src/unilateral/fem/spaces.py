@@ -89,12 +89,10 @@ class DualOperator:
 
         It is infinite where such a mean cannot be raised, as all nodes of its cell are clamped.
         """
-        # t times the mean of w has to make up for the mean of u - g, where that is below 0
-        below = gap < 0
-        # a cell whose nodes are all clamped has the mean 0, and t is infinite
-        means = np.broadcast_to(self.shift_means, gap.shape)[below]
-        with np.errstate(divide="ignore"):
-            return float(np.max(-gap[below] / means, initial=0.0))
+        # t times the mean of w has to make up for the mean of u - g, where that is below 0; on a cell whose
+        # nodes are all clamped w has the mean 0: t is infinite, or there is nothing to raise, and 0 / 0 is left out
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.fmax.reduce(-gap / self.shift_means, initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -193,6 +193,7 @@ class _Iteration:
         self, operator: DualOperator, b: Array, rho: float, apply: ApplyS | None, observe: ObserveStep | None
     ) -> None:
         self.operator = operator
+        self.scaling = np.sqrt(operator.H_i)
         self.b = b
         self.rho = rho
         self.observe = observe
@@ -232,8 +233,7 @@ class _Iteration:
     def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
         """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), or the bound by the energy where S is singular."""
         if self.singular:
-            root = np.sqrt(self.operator.H_i)
-            return _scaled_energy_bound(F / root, root * y, self.operator)
+            return _scaled_energy_bound(F / self.scaling, self.scaling * y, self.operator)
         if not size < MAX_RESIDUAL:
             return math.inf
         self.applications += 1
@@ -243,7 +243,7 @@ class _Iteration:
 def _scaled_energy_bound(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
     """The bound by the energy, from the means of u(mu) - g and H_i mu_i."""
     # in units of the largest number, because the square of a tiny one would be 0
-    unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
+    unit = max(float(np.abs(gap).max()), float(weighted_mu.max()))
     if not 0 < unit < math.inf:
         return unit
     t = operator.required_shift(gap) / unit
