@@ -25,7 +25,8 @@ def spoil_results(results: Results, control: Mapping[str, Any], share: float = 1
     """
     changed = Results(results.folder, results, results.listed_digests)
     for name in control["tables"]:
-        table = (results[control["by"]] if "by" in control else results[name]).copy(deep=True)
+        # Both tables share their arrays; those that are changed are replaced
+        table = results[control.get("by", name)].copy()
         if "variable" in control:
             _spoil_table(table, control)
         if share < 1:
@@ -34,13 +35,14 @@ def spoil_results(results: Results, control: Mapping[str, Any], share: float = 1
                 spoilt_values = table[variable].values
                 # Numbers that were not changed stay exactly what they are
                 mixed = (1 - share) * true + share * spoilt_values
-                table[variable] = table[variable].copy(data=np.where(spoilt_values == true, true, mixed))
+                table[variable].values = np.where(spoilt_values == true, true, mixed)
         changed[name] = table
     return changed
 
 
 def _spoil_table(table: xr.Dataset, control: Mapping[str, Any]) -> None:
     values = table[control["variable"]]
+    values.values = values.values.copy()
     place = {d: i for d, i in control.get("at", {}).items() if d in values.dims}
     if "labels" in control:
         values.loc[control["to"]] = values.sel(control["labels"]).values
