@@ -89,8 +89,8 @@ class DualOperator:
 
         It is infinite where such a mean cannot be raised, as all nodes of its cell are clamped.
         """
-        # t times the mean of w has to make up for the mean of u - g, where that is below 0; on a cell whose
-        # nodes are all clamped w has the mean 0: t is infinite, or there is nothing to raise, and 0 / 0 is left out
+        # t times the mean of w has to make up for the mean of u - g, where that is below 0. On a cell whose
+        # nodes are all clamped the mean of w is 0, and t is infinite; 0 / 0, where u = g, is left out
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.fmax.reduce(-gap / self.shift_means, initial=0.0))
 
