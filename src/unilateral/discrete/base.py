@@ -11,9 +11,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.enclosed_data import EnclosedData
-from unilateral.discrete.solution import DiscreteSolution, integrate_linear
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import coupling, energy_norm, subtract_lift_from_load
+from unilateral.fem.p1 import coupling, subtract_lift_from_load
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.stop import Stop
@@ -126,9 +126,6 @@ class DiscreteProblem(ABC):
             tolerance=tolerance,
             beta=self.beta,
             unique=self.unique,
-            u_norm=energy_norm(self.mesh, u_h, self.form),
-            u_integral=integrate_linear(self.mesh, u_h),
-            force=float(self.partition.lengths @ lambda_H),
             lambda_norm=self.lambda_norm(result.lambda_H),
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -34,9 +34,8 @@ class DiscreteSolution:
     nodes, and `lambda_H` (all cells,) is 0 on cells without a multiplier.
 
     `result` is what the iteration found, with its algebraic bound, which was to be at most `tolerance`.
-    `beta` serves as beta of (3.4), and `unique` says whether lambda_H is known to be the only one. `u_norm`
-    and `u_integral` are ||u_h|| and the integral of u_h, `force` is the integral of lambda_H, and
-    `lambda_norm` a lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
+    `beta` serves as beta of (3.4), and `unique` says whether lambda_H is known to be the only one.
+    `lambda_norm` is a lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
 
     If u_h is of another program, `potential` (n,) is the function that solves the discrete equation with
     lambda_H. The bounds on the errors of u_h make their flux from it.
@@ -54,9 +53,6 @@ class DiscreteSolution:
     tolerance: float
     beta: float
     unique: bool
-    u_norm: float
-    u_integral: float
-    force: float
     lambda_norm: float
     potential: Array | None = None
 
@@ -67,6 +63,21 @@ class DiscreteSolution:
     def is_foreign(self) -> bool:
         """Whether u_h is of another program."""
         return self.potential is not None
+
+    @cached_property
+    def u_norm(self) -> float:
+        """||u_h||."""
+        return energy_norm(self.mesh, self.u_h, self.form)
+
+    @cached_property
+    def u_integral(self) -> float:
+        """The integral of u_h."""
+        return float(self.mesh.areas @ self.u_h[self.mesh.triangles].mean(axis=1))
+
+    @cached_property
+    def force(self) -> float:
+        """The integral of lambda_H."""
+        return float(self.partition.lengths @ self.lambda_H)
 
     @cached_property
     def gap(self) -> Array:
@@ -174,19 +185,3 @@ class DiscreteSolution:
             - self.total_bound(norm, sharp),
             0.0,
         )
-
-
-def replace_u(solution: DiscreteSolution, u_h: Array) -> DiscreteSolution:
-    """The solution with the u_h (n,) of another program; its own one becomes the potential."""
-    return replace(
-        solution,
-        u_h=u_h,
-        u_norm=energy_norm(solution.mesh, u_h, solution.form),
-        u_integral=integrate_linear(solution.mesh, u_h),
-        potential=solution.u_h,
-    )
-
-
-def integrate_linear(mesh: Mesh, u_h: Array) -> float:
-    """The integral of u_h (n,)."""
-    return float(mesh.areas @ u_h[mesh.triangles].mean(axis=1))

@@ -17,7 +17,7 @@ from unilateral.arrays import MAX_INPUT_VALUE, Array, Mask, read_floats, read_no
 from unilateral.discrete.choice import condensed_spaces, solve_on_mesh
 from unilateral.discrete.condensed import discretise_on_condensed_spaces
 from unilateral.discrete.problem_data import problem_form
-from unilateral.discrete.solution import DiscreteSolution, replace_u
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -48,7 +48,9 @@ def certify_nodal_values(
     else:
         no_contact = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
         discrete_solution = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, no_contact))
-    return Solution(problem, replace_u(discrete_solution, values))
+    # the discrete u_h, of which the flux is made, becomes the potential
+    foreign_solution = replace(discrete_solution, u_h=values, potential=discrete_solution.u_h)
+    return Solution(problem, foreign_solution)
 
 
 def pair_boundary_edges(mesh: Mesh) -> Partition:
