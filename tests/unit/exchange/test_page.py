@@ -43,6 +43,12 @@ def written(name, computed):
     return render_score_page(load(name).problem, computed, compute_rates(load(name).problem, computed))
 
 
+@cache
+def page_of_own_solutions(name, with_multiplier=True):
+    """Drawn once for all tests: its pictures take most of the time."""
+    return written(name, score_own_solutions(name, with_multiplier))
+
+
 class Seen(HTMLParser):
     """Tags, the texts of cells, and whatever an element asks for."""
 
@@ -79,7 +85,7 @@ class Seen(HTMLParser):
 def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
     """Also where errors are 0 or NaN, or lambda infinite. A script or a font elsewhere would be asked for."""
     scores = score_own_solutions(name, with_multiplier)
-    text = written(name, scores)
+    text = page_of_own_solutions(name, with_multiplier)
     calls = Seen(text)
     assert (calls.open, calls.asked, calls.tags.count("svg")) == ([], [], 2)
     assert not {"script", "link", "iframe", "img"} & set(calls.tags)
@@ -106,15 +112,13 @@ def test_where_no_rate_is_proved_the_page_has_none():
 
 def test_sides_are_numbered_along_the_boundary():
     """Control: the plots of errors have no such number."""
-    errors, boundary = written("natural", score_own_solutions("natural")).split("Along the boundary")
+    errors, boundary = page_of_own_solutions("natural").split("Along the boundary")
     assert ("side 0" in errors, "<!-- side 0 -->" in boundary) == (False, True)
 
 
 def test_a_page_is_the_same_twice():
     """No clock and no random numbers."""
-    assert written("natural", score_own_solutions("natural")) == written(
-        "natural", score_own_solutions("natural")
-    )
+    assert page_of_own_solutions("natural") == written("natural", score_own_solutions("natural"))
 
 
 def test_faults_and_names_are_told_as_text():
@@ -167,7 +171,7 @@ def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refusal)
 
 def test_chromium_shows_it_without_errors_and_without_a_network(browser, tmp_path):
     """As a reader sees it: both pictures have a height, and nothing is asked for elsewhere."""
-    (tmp_path / "page.html").write_text(written("natural", score_own_solutions("natural")))
+    (tmp_path / "page.html").write_text(page_of_own_solutions("natural"))
     calls = browser.open(tmp_path / "page.html")
     assert (calls.title, calls.errors, calls.elsewhere) == ("natural: " + VERDICT, [], [])
     assert len(calls.requested) == 1
