@@ -23,7 +23,7 @@ NAMES = ("natural", "no_contact", "rough")
 
 
 @cache
-def score_own_solutions(name, with_multiplier=True):
+def score_own_solutions(name, with_multiplier):
     """This project's own solutions on h = 1/8, 1/16 of that case, as if another solver had them."""
     scores = []
     for k, n in enumerate((8, 16)):
@@ -41,6 +41,12 @@ def score_own_solutions(name, with_multiplier=True):
 
 def written(name, computed):
     return render_score_page(load(name).problem, computed, compute_rates(load(name).problem, computed))
+
+
+@cache
+def page_of_own_solutions(name, with_multiplier):
+    """Drawn once for all tests: its pictures take most of the time."""
+    return written(name, score_own_solutions(name, with_multiplier))
 
 
 class Seen(HTMLParser):
@@ -79,7 +85,7 @@ class Seen(HTMLParser):
 def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
     """Also where errors are 0 or NaN, or lambda infinite. A script or a font elsewhere would be asked for."""
     scores = score_own_solutions(name, with_multiplier)
-    text = written(name, scores)
+    text = page_of_own_solutions(name, with_multiplier)
     calls = Seen(text)
     assert (calls.open, calls.asked, calls.tags.count("svg")) == ([], [], 2)
     assert not {"script", "link", "iframe", "img"} & set(calls.tags)
@@ -92,11 +98,11 @@ def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
 
 def test_where_no_rate_is_proved_the_page_has_none():
     """Control: one that is proved, in the other norms."""
-    known_rates = compute_rates(load("natural").problem, score_own_solutions("natural"))
+    known_rates = compute_rates(load("natural").problem, score_own_solutions("natural", True))
     cells = Seen(
         render_score_page(
             load("natural").problem,
-            score_own_solutions("natural"),
+            score_own_solutions("natural", True),
             known_rates | {"h1": Rate(0.5, 1, 0.7, nan)},
         )
     ).cells
@@ -106,20 +112,18 @@ def test_where_no_rate_is_proved_the_page_has_none():
 
 def test_sides_are_numbered_along_the_boundary():
     """Control: the plots of errors have no such number."""
-    errors, boundary = written("natural", score_own_solutions("natural")).split("Along the boundary")
+    errors, boundary = page_of_own_solutions("natural", True).split("Along the boundary")
     assert ("side 0" in errors, "<!-- side 0 -->" in boundary) == (False, True)
 
 
 def test_a_page_is_the_same_twice():
     """No clock and no random numbers."""
-    assert written("natural", score_own_solutions("natural")) == written(
-        "natural", score_own_solutions("natural")
-    )
+    assert page_of_own_solutions("natural", True) == written("natural", score_own_solutions("natural", True))
 
 
 def test_faults_and_names_are_told_as_text():
     """Names of files and of levels' folders may hold what HTML takes for markup."""
-    score = score_own_solutions("natural")[-1]
+    score = score_own_solutions("natural", True)[-1]
     image = "<img src=x onerror=alert(1)>"
     diagnosis = Diagnosis([Fault("<lambda, v>", "& more")], [])
     level = replace(score.solution.level, name=image)
@@ -136,7 +140,7 @@ def test_faults_and_names_are_told_as_text():
 
 def test_scores_pass_without_faults_and_without_rates_that_fall_short():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
-    scores = score_own_solutions("natural")
+    scores = score_own_solutions("natural", True)
     case = load("natural").problem
     assert passes_judgement(scores, compute_rates(case, scores))
     assert not passes_judgement(
@@ -167,7 +171,7 @@ def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refusal)
 
 def test_chromium_shows_it_without_errors_and_without_a_network(browser, tmp_path):
     """As a reader sees it: both pictures have a height, and nothing is asked for elsewhere."""
-    (tmp_path / "page.html").write_text(written("natural", score_own_solutions("natural")))
+    (tmp_path / "page.html").write_text(page_of_own_solutions("natural", True))
     calls = browser.open(tmp_path / "page.html")
     assert (calls.title, calls.errors, calls.elsewhere) == ("natural: " + VERDICT, [], [])
     assert len(calls.requested) == 1
