@@ -197,7 +197,14 @@ def test_the_table_shows_what_is_typed_and_then_the_others() -> None:
     table = documented.commands(make_records())
     assert table.to_numpy().tolist() == [
         ["`unilateral solve own.yaml`", "1 050 625", "4 s", "3.8 µs", "100 MB", "0.046 %"],
-        ["scikit-fem, PyAMG's cycle on the meshes, active set, nodal", "1 050 625", "10 s", "9.5 µs", "100 MB", "–"],
+        [
+            "scikit-fem, PyAMG's cycle on the meshes, active set, nodal",
+            "1 050 625",
+            "10 s",
+            "9.5 µs",
+            "100 MB",
+            "–",
+        ],
     ]
     numbers = documented.command_numbers(make_records())
     assert numbers["bound_over_solve"] == 0.75
