@@ -269,7 +269,7 @@ class QuadraticSpace:
         products = np.empty((3, len(self.unknowns))).T
         for block in row_blocks(len(products)):
             stiffness, _ = edge_stiffness_and_areas(self.mesh.points, self.unknowns[block, :3])
-            products[block] = form.k * stiffness
+            products[block] = form.k * stiffness.T
         return QuadraticForm(self.mesh, self.unknowns, self.size, form, edge_products=products)
 
     def vanishing_functions(self, contact: Mask, zero_unknowns: Index = NO_UNKNOWNS) -> VanishingFunctions:
