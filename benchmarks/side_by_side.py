@@ -169,14 +169,14 @@ def _compare_fastest(runs: pd.DataFrame, n: int) -> dict[str, Any]:
     """
     ours = judge.along(runs, judge.MULTIGRID).loc[n]
     levels = {way: judge.along(runs, way) for way in judge.PEERS}
-    others = pd.DataFrame({way: runs_at.loc[n] for way, runs_at in levels.items() if n in runs_at.index}).T
-    if others.empty:
+    peers = pd.DataFrame({way: runs_at.loc[n] for way, runs_at in levels.items() if n in runs_at.index}).T
+    if peers.empty:
         return {}
     compared = {"fastest": "cpu_seconds", "fastest_solve": "solve_cpu"}
     numbers: dict[str, Any] = {}
     for name, column in compared.items():
-        way = others[column].astype(float).idxmin()
-        numbers[name] = {"name": NAMES[str(way)], "ratio": float(others[column][way] / ours[column])}
+        way = peers[column].astype(float).idxmin()
+        numbers[name] = {"name": NAMES[str(way)], "ratio": float(peers[column][way] / ours[column])}
     return numbers
 
 

@@ -149,7 +149,11 @@ def solve_by_snesvi(
     for k, (level, A) in enumerate(zip(levels, matrices, strict=True)):
         if k:
             u = np.maximum(interpolations[k - 1] @ u, level.obstacle)
-        x, b, low, high, residual = (A.createVecRight() for _ in range(5))
+        x = A.createVecRight()
+        b = A.createVecRight()
+        low = A.createVecRight()
+        high = A.createVecRight()
+        residual = A.createVecRight()
         x.array[:] = u
         b.array[:] = level.load
         low.array[:] = level.obstacle

@@ -45,19 +45,19 @@ def as_operator(A: Any, matrix: Any) -> Operator:
 
 
 def factorise(matrix: Any, free: np.ndarray) -> Operator:
-    """Sparse Cholesky factors for the free nodes (n,), and the diagonal for the others."""
+    """Sparse Cholesky factors for the free nodes (n,), and the diagonal for those in contact."""
     nodes = ng.BitArray(len(free))
     nodes.Set()
-    others = np.flatnonzero(~free)
-    for node in others.tolist():
+    contact_nodes = np.flatnonzero(~free)
+    for node in contact_nodes.tolist():
         nodes.Clear(node)
     solve = as_operator(matrix.Inverse(nodes, inverse="sparsecholesky"), matrix)
-    diagonal = sp.csr_matrix(matrix.CSR()).diagonal()[others]
+    diagonal = sp.csr_matrix(matrix.CSR()).diagonal()[contact_nodes]
 
     def precondition(values: np.ndarray) -> np.ndarray:
         """A contact node of the first set may be a free node of the next one."""
         result = solve(values)
-        result[others] = values[others] / diagonal
+        result[contact_nodes] = values[contact_nodes] / diagonal
         return result
 
     return precondition

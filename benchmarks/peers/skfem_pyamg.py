@@ -48,16 +48,16 @@ def restrict_to_free(
     matrices: Sequence[sp.csr_matrix], interpolations: Sequence[sp.csr_matrix], free: np.ndarray
 ) -> tuple[list[sp.csr_matrix], list[sp.csr_matrix]]:
     """Matrices and interpolations for the free nodes (n,) of the finest mesh; nodes keep their numbers."""
-    kept = [keep_free(matrices[-1], free)]
-    kept_interpolations: list[sp.csr_matrix] = []
+    restricted = [keep_free(matrices[-1], free)]
+    restricted_interpolations: list[sp.csr_matrix] = []
     for A, P in zip(matrices[-2::-1], interpolations[::-1], strict=True):
         free_coarse = free[: A.shape[0]]
-        kept.append(keep_free(A, free_coarse))
-        kept_interpolations.append(
+        restricted.append(keep_free(A, free_coarse))
+        restricted_interpolations.append(
             (sp.diags(free.astype(float)) @ P @ sp.diags(free_coarse.astype(float))).tocsr()
         )
         free = free_coarse
-    return kept[::-1], kept_interpolations[::-1]
+    return restricted[::-1], restricted_interpolations[::-1]
 
 
 def make_cycle(matrices: Sequence[sp.csr_matrix], interpolations: Sequence[sp.csr_matrix]) -> Operator:

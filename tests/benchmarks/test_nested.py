@@ -94,7 +94,7 @@ def test_a_start_from_the_coarse_mesh_takes_fewer_sets(data: dict[str, np.ndarra
     interpolations = [nested.interpolation(level) for level in levels[1:]]
     multiply = [A.dot for A in matrices]
     _, from_coarse = nested.solve_by_nested_iteration(levels, interpolations, multiply, factorise, 1e-6)
-    _, alone = nested.solve_by_nested_iteration(
+    _, counts_alone = nested.solve_by_nested_iteration(
         levels[-1:], [], multiply[-1:], lambda _, free: factorise(len(levels) - 1, free), 1e-6
     )
-    assert from_coarse["sets"] < alone["sets"]
+    assert from_coarse["sets"] < counts_alone["sets"]

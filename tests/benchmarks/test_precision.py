@@ -78,7 +78,7 @@ def test_squared_residuals_of_a_kink_are_those_by_hand(basis, touches, expected)
     assert squares.sum() == pytest.approx(expected, rel=1e-12)
 
 
-def stored():
+def make_rows():
     p2 = {"unknowns": 100, "cpu_seconds": 0.5, "error": 0.01}
     ours = {"unknowns": 5000, "cpu_seconds": 2.0, "bound": 0.0199, "error": 0.018}
     row = {"case": "natural", "accuracy": 0.02, "p2": p2, "ours": ours}
@@ -87,10 +87,10 @@ def stored():
 
 def test_documents_have_ratios_of_unknowns_and_seconds():
     """By hand: 50 and 3 times the unknowns, 4 times the seconds."""
-    numbers = documented.precision_numbers(stored())
+    numbers = documented.precision_numbers(make_rows())
     assert numbers["unknowns"] == {"least": 3, "most": 50}
     assert numbers["cpu_seconds"] == {"least": 4, "most": 4}
-    first = documented.precision(stored()).iloc[0].tolist()
+    first = documented.precision(make_rows()).iloc[0].tolist()
     assert first == ["`natural`", "2 %", "100", "0.5", "5 000", "2", "2 %"]
 
 
