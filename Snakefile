@@ -3,8 +3,8 @@ import fcntl
 import os
 import sys
 from contextlib import suppress
-from pathlib import Path
 
+import numpy
 from snakemake.utils import min_version, update_config
 
 from study import config as configuration
@@ -35,9 +35,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[variable] = "1"
 # Code for AVX2 where a processor has it, and no wider one: other code sums in another order, and differs in the
 # last digits. So two runs give the same bytes on most processors.
-PROCESSORS = Path("/proc/cpuinfo")
-if PROCESSORS.exists() and "avx2" in PROCESSORS.read_text():
-    os.environ.update(OPENBLAS_CORETYPE="Haswell", NPY_DISABLE_CPU_FEATURES="X86_V4 AVX512_ICL AVX512_SPR")
+FEATURES = numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+if "X86_V3" in FEATURES:
+    WIDER_FEATURES = " ".join(name for name in FEATURES if name != "X86_V3")
+    os.environ.update(OPENBLAS_CORETYPE="Haswell", NPY_DISABLE_CPU_FEATURES=WIDER_FEATURES)
 
 
 include: "workflow/rules/common.smk"

@@ -204,7 +204,15 @@ def test_a_table_of_cost_is_made_for_each_axis_with_the_norms_of_its_scenes(plan
     assert cost.keys() - job["params"]["study"].keys() == {"fitted_from", "targets"}
 
 
-BENCHMARKS = ["installations.json", "whole.json", "results.nc", "scores.csv", "commands.json", "trust.json"]
+BENCHMARKS = [
+    "installations.json",
+    "whole.json",
+    "results.nc",
+    "scores.csv",
+    "commands.json",
+    "trust.json",
+    "precision.json",
+]
 TOLD = {
     "adaptive": ["errors", "infsup", "rates"],
     "cells": ["errors", "alternating"],

@@ -325,12 +325,12 @@ def test_a_name_stays_what_it_is():
 
 
 def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
-    """289 unknowns take 0.1 MB, sharply 1.4 MB; control: those that are known."""
-    monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 1.0)
-    s = ul.solve("natural", **SIZES)
+    """4225 unknowns take 1 MB, sharply 6 MB; control: those that are known."""
+    monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 2.0)
+    s = ul.solve("natural", h=1 / 64, H=1 / 32)
     with pytest.warns(ul.SolutionWarning) as caught:
         assert s.sharp_bounds is None
-    text = "no guaranteed bound: it takes about 1 MB, and 1 MB are free"
+    text = "no guaranteed bound: it takes about 6 MB, and 2 MB are free"
     assert [(str(warning.message), warning.filename) for warning in caught] == [(text, __file__)]
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0

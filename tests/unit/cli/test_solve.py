@@ -343,11 +343,11 @@ def test_idle_sides_are_left_out_on_request(run, problem_file_of):
 
 
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
-    """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
+    """4225 unknowns take 1 MB, and by the sharp bound 6; control: the cheap one."""
     monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 2.0)
-    sizes = ["--h", "1/32", "--H", "1/16"]
+    sizes = ["--h", "1/64", "--H", "1/32"]
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
-    assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")
+    assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 6 MB, and 2 MB are free\n")
     assert "guaranteed  " not in out
     assert "guaranteed  " in run("solve", "no_contact", *sizes)[1]
 
