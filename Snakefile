@@ -37,8 +37,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 # last digits. So two runs give the same bytes on most processors.
 FEATURES = numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 if "X86_V3" in FEATURES:
-    WIDER_FEATURES = " ".join(name for name in FEATURES if name != "X86_V3")
-    os.environ.update(OPENBLAS_CORETYPE="Haswell", NPY_DISABLE_CPU_FEATURES=WIDER_FEATURES)
+    os.environ.update(OPENBLAS_CORETYPE="Haswell")
+    # None is found where this file is read by a job of a run that has done this
+    if WIDER_FEATURES := [name for name in FEATURES if name != "X86_V3"]:
+        os.environ.update(NPY_DISABLE_CPU_FEATURES=" ".join(WIDER_FEATURES))
 
 
 include: "workflow/rules/common.smk"
