@@ -39,6 +39,8 @@ MARKED_SHARE = 0.5
 LOAD_ORDER = 6
 ERROR_ORDER = 10
 """Orders of quadrature for the load and for the error."""
+SIDE_ROUNDING = 1e-12
+"""A point at an end of a side may lie so far beyond it, by rounding."""
 MAX_SETS = 50
 
 
@@ -112,7 +114,7 @@ def obstacle(case: ExactSolution, points: Array) -> Array:
     along = np.einsum("ksd,sd->ks", offsets, directions) / lengths
     # The normal times the offset
     across = np.abs(np.einsum("ksd,sd->ks", offsets[..., ::-1] * (1, -1), directions) / lengths)
-    outside = (along < -1e-12) | (along > lengths + 1e-12)
+    outside = (along < -SIDE_ROUNDING) | (along > lengths + SIDE_ROUNDING)
     side = np.argmin(np.where(outside, np.inf, across), axis=1)
     u, _, gap = case.trace_flux_and_gap(side, along[np.arange(len(points)), side])
     return u - gap

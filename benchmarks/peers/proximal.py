@@ -16,17 +16,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from benchmarks.peers.driver import Clock, order, report
 from benchmarks.peers.nested import (
     Level,
-    Operator,
-    interpolation,
     read_levels,
     solve_by_conjugate_gradients,
 )
-from benchmarks.peers.skfem_pyamg import assemble, make_bases, make_cycle
+from benchmarks.peers.skfem_pyamg import assemble_levels, factorise, make_cycle
 
 FIRST_ALPHA = 1.0
 ALPHA_GROWTH = 10.0
@@ -89,7 +86,7 @@ def solve_proximal_step(
             load,
             change,
             np.ones(len(u), bool),
-            make_preconditioner(weighted, interpolations),
+            make_cycle(weighted, interpolations) if interpolations else factorise(weighted[0]),
             SYSTEM_FACTOR,
             0.0,
         )
@@ -103,13 +100,30 @@ def solve_proximal_step(
     raise RuntimeError(f"no end of Newton's method after {MAX_STEPS} steps")
 
 
-def make_preconditioner(
-    matrices: Sequence[sp.csr_matrix], interpolations: Sequence[sp.csr_matrix]
-) -> Operator:
-    """Factors if there is one mesh, or a cycle."""
-    if len(matrices) == 1:
-        return splu(matrices[0].tocsc()).solve
-    return make_cycle(matrices, interpolations)
+def solve_level(
+    level: Level,
+    matrices: Sequence[sp.csr_matrix],
+    interpolations: Sequence[sp.csr_matrix],
+    u: np.ndarray,
+    psi: np.ndarray,
+    alpha: float,
+    goal: float,
+) -> tuple[np.ndarray, np.ndarray, float, dict[str, int]]:
+    """u, psi and alpha where a proximal step has changed u by at most `goal` in the energy norm.
+
+    The counts are Newton's steps, `iterations`, and the proximal steps, `sets`. Raises RuntimeError if there
+    are too many.
+    """
+    iterations = 0
+    for sets in range(1, MAX_STEPS + 1):
+        before = u
+        u, psi, steps = solve_proximal_step(level, matrices, interpolations, u, psi, alpha, goal)
+        iterations += steps
+        alpha = min(ALPHA_GROWTH * alpha, MAX_ALPHA)
+        change = u - before
+        if change @ (matrices[-1] @ change) <= goal**2:
+            return u, psi, alpha, {"iterations": iterations, "sets": sets}
+    raise RuntimeError(f"no end after {MAX_STEPS} proximal steps")
 
 
 def main() -> None:
@@ -117,11 +131,7 @@ def main() -> None:
     data, parameters, path = order()
     levels = read_levels(data)
     clock = Clock()
-    bases = make_bases(levels, data["points"])
-    clock.lap("mesh")
-    matrices = [assemble(basis) for basis in bases]
-    interpolations = [interpolation(level) for level in levels[1:]]
-    clock.lap("assembly")
+    matrices, interpolations = assemble_levels(clock, levels, data["points"])
     alpha = FIRST_ALPHA
     u = np.zeros(len(levels[0].load))
     psi = np.zeros(len(levels[0].load))
@@ -132,21 +142,10 @@ def main() -> None:
             psi = np.where(np.isfinite(level.obstacle), P @ psi, 0.0)
         # The error of the discrete solution doubles from mesh to coarser mesh
         goal = parameters["tolerance"] * float(data["error"]) * 2.0 ** (len(levels) - 1 - k)
-        iterations = 0
-        sets = 0
-        while sets < MAX_STEPS:
-            sets += 1
-            before = u
-            u, psi, steps = solve_proximal_step(
-                level, matrices[: k + 1], interpolations[:k], u, psi, alpha, goal
-            )
-            iterations += steps
-            alpha = min(ALPHA_GROWTH * alpha, MAX_ALPHA)
-            if np.sqrt((u - before) @ (matrices[k] @ (u - before))) <= goal:
-                break
+        u, psi, alpha, counts = solve_level(level, matrices[: k + 1], interpolations[:k], u, psi, alpha, goal)
     clock.lap("solve")
-    result = {"way": parameters["way"], "phases": clock.only(clock.phases)}
-    report(clock, path, data["points"], [{**result, "iterations": iterations, "sets": sets}], [u])
+    result = {"way": parameters["way"], "phases": clock.only(clock.phases), **counts}
+    report(clock, path, data["points"], [result], [u])
 
 
 if __name__ == "__main__":

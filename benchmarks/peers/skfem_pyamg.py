@@ -81,17 +81,25 @@ def apply_cycle(solver: MultilevelSolver) -> Operator:
     return multiply
 
 
-def make_bases(levels: Sequence[Level], points: np.ndarray) -> list[Basis]:
-    """P1 on all meshes."""
-    return [
+def factorise(A: sp.csr_matrix) -> Operator:
+    """Sparse factors, as a preconditioner of the coarsest mesh."""
+    solve: Operator = splu(A.tocsc()).solve
+    return solve
+
+
+def assemble_levels(
+    clock: Clock, levels: Sequence[Level], points: np.ndarray
+) -> tuple[list[sp.csr_matrix], list[sp.csr_matrix]]:
+    """The matrices of (u, v)_1 on all meshes, and the interpolations to all but the first."""
+    bases = [
         Basis(MeshTri(points[: len(level.load)].T.copy(), level.triangles.T.astype(np.int64)), ElementTriP1())
         for level in levels
     ]
-
-
-def assemble(basis: Basis) -> sp.csr_matrix:
-    """The matrix of (u, v)_1."""
-    return energy.assemble(basis).tocsr()
+    clock.lap("mesh")
+    matrices = [energy.assemble(basis).tocsr() for basis in bases]
+    interpolations = [interpolation(level) for level in levels[1:]]
+    clock.lap("assembly")
+    return matrices, interpolations
 
 
 def main() -> None:
@@ -99,16 +107,12 @@ def main() -> None:
     data, parameters, path = order()
     levels = read_levels(data)
     clock = Clock()
-    bases = make_bases(levels, data["points"])
-    clock.lap("mesh")
-    matrices = [assemble(basis) for basis in bases]
-    interpolations = [interpolation(level) for level in levels[1:]]
-    clock.lap("assembly")
+    matrices, interpolations = assemble_levels(clock, levels, data["points"])
 
     def make_preconditioner(k: int, free: np.ndarray) -> Operator:
         """Factors on the coarsest mesh, and a cycle on each other."""
         if k == 0:
-            return splu(keep_free(matrices[0], free).tocsc()).solve
+            return factorise(keep_free(matrices[0], free))
         if parameters["cycle"] == "geometric":
             return make_cycle(*restrict_to_free(matrices[: k + 1], interpolations[:k], free))
         set_up: Callable[..., MultilevelSolver] = getattr(pyamg, f"{parameters['cycle']}_solver")
