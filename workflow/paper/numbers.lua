@@ -1,5 +1,6 @@
 -- Numbers sections, figures and tables, the same in every output, and refuses a link such as [Figure 3](#fig-rates)
--- with another number: so the text can be read unprocessed, too. `prefix` in the title block stands before numbers.
+-- with another number: so the text can be read unprocessed, too. `prefix` in the title block stands before the numbers of
+-- figures and tables; then sections have letters.
 -- A theorem is numbered in its first bold words, a formula by \tag{3}\label{eq-split}; links to them are looked at, too,
 -- and those into another paper: [Supplement, Figure S3](supplement.md#fig-rates), in print a text.
 -- Gives wide tables their columns' widths. Repairs what pandoc does to \| (taken for a relation) and to && and the &
@@ -25,7 +26,8 @@ local function number_section(header)
   for level = #sections + 1, header.level do sections[level] = 0 end
   for level = #sections, header.level + 1, -1 do sections[level] = nil end
   sections[header.level] = sections[header.level] + 1
-  local number = own.prefix .. table.concat(sections, ".")
+  local number = table.concat(sections, ".")
+  if own.prefix ~= "" then number = number:gsub("^%d+", function(first) return string.char(64 + first) end) end
   own.names[header.identifier] = "Section " .. number
   header.content:insert(1, pandoc.Space())
   header.content:insert(1, pandoc.Str(number))

@@ -146,12 +146,16 @@ def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp
     assert re.search(r"^\+ Two\.\n+#qed\n+\]", print_proof("1. One.\n2. Two."), re.MULTILINE)
 
 
-def test_numbers_have_the_prefix_of_their_paper(typeset):
+def test_numbers_have_the_prefix_of_their_paper_and_its_sections_letters(typeset):
     page = PAGE
-    for kind, number in (("Section", "1.1"), ("Figure", "1"), ("Table", "1")):
-        page = page.replace(f"[{kind} {number}]", f"[{kind} S{number}]")
+    for name, with_prefix in (
+        ("Section 1.1", "Section A.1"),
+        ("Figure 1", "Figure S1"),
+        ("Table 1", "Table S1"),
+    ):
+        page = page.replace(f"[{name}]", f"[{with_prefix}]")
     text = read_html_text(typeset(FRONT.replace("title:", "prefix: S\ntitle:") + page)[0])
-    for numbered in ("S1 Summary", "S1.1 Inside", "Figure S1. What", "Table S1. What", "Theorem A", "(2.7)"):
+    for numbered in ("A Summary", "A.1 Inside", "Figure S1. What", "Table S1. What", "Theorem A", "(2.7)"):
         assert numbered in text
 
 

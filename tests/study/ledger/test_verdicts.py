@@ -26,6 +26,7 @@ def record(**changed):
         "observed": 1.23456,
         "margin": 0.37,
         "sees": "× 1.03",
+        "source": "derived: it is so",
     }
     return {**fields, **numbers, **changed}
 
@@ -76,6 +77,20 @@ def test_numbers_are_typeset_and_what_round_off_makes_is_not_shown(changed, disp
     assert row(**changed)[2] == f"a number: {displayed}".replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
+def test_a_required_number_that_was_set_after_values_had_been_seen_has_a_dagger():
+    """Control: those that were set before have none."""
+    assert row(source="set after values had been seen: a round number")[2].startswith(
+        "a number: $1.23 \\ge 0.9$ †; margin"
+    )
+    assert "†" not in row(source="set before values were known: a round number")[2]
+
+
+def test_no_formula_has_a_bar_which_would_end_a_cell():
+    """Bars outside of formulas are no matter of ours. Control: the formula stays one."""
+    statement = row(statement=r"$|A(U,V)| \le M\,\|U\|$")[1]
+    assert statement == r"$\vert A(U,V)\vert  \le M\,\Vert U\Vert $ [Lemma 4.1]"
+
+
 def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
     numbers = dict.fromkeys(("quantity", "expected", "observed", "margin", "sees"))
     displayed = row(**numbers, verdict="not judged: $\\beta$ is not known of square")
@@ -103,7 +118,7 @@ def test_names_of_letters_and_signs_are_told_as_such():
 
 
 def test_no_text_of_a_claim_has_mathematics_that_is_not_typeset():
-    """In the supplement. Control: some have formulas."""
+    """On the page of all claims. Control: some have formulas."""
     texts = [text for claim in claims.load_ledger() for text in (claim.statement, claim.where, claim.verdict)]
     texts += [record["quantity"] or "" for record in stored.read_records(RESULTS / "claims.json")]
     outside = [re.sub(r"\$.*?\$", "", text) for text in texts]
@@ -113,9 +128,9 @@ def test_no_text_of_a_claim_has_mathematics_that_is_not_typeset():
     ] == []
 
 
-def test_every_verdict_of_the_ledger_has_a_table_in_the_supplement():
+def test_every_verdict_of_the_ledger_has_a_table_on_the_page_of_all_claims():
     records = [record(section=claim.section, verdict=claim.verdict) for claim in claims.load_ledger()]
-    text = (ROOT / "supplement.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/claims.md").read_text(encoding="utf-8")
     for name in verdicts.tabulate_claims(records):
         assert f"<!-- {name}: begin -->" in text
 

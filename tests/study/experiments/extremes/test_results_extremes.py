@@ -266,8 +266,8 @@ def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
     )
 
 
-def test_the_supplement_names_every_axis_that_has_settings_of_its_own():
-    text = marks.remove_marks((ROOT / "supplement.md").read_text(encoding="utf-8"))
+def test_the_page_on_extremes_names_every_axis_that_has_settings_of_its_own():
+    text = marks.remove_marks((ROOT / "docs/extremes.md").read_text(encoding="utf-8"))
     original = [name for name, axis in AXES.items() if {"h", "H", "accuracy"} & set(axis)]
     assert len(original) == 3
     assert "Three axes have settings of their own." in text
