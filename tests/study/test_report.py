@@ -98,7 +98,11 @@ def blocks():
 
 
 def test_a_case_can_be_chosen_in_it(report_page):
-    """The page's script runs within the report, too."""
+    """The page's script runs within the report, too, though it is larger than Chromium's data URLs may be.
+
+    Without the script that makes blobs of such results the frame stays empty.
+    """
+    assert (ROOT / "results/report/curves.html").stat().st_size * 4 / 3 > 2**21
     text = open_row(report_page, "Tables", "Errors and rates")
     assert "Observed rate of the expected one: " in text
 
@@ -111,10 +115,18 @@ def test_versions_and_parameters_are_in_it(report_page):
     assert "judged_ratio: 1/2" in text
 
 
-def test_the_supplement_opens_though_it_is_larger_than_any_data_url_that_chromium_opens(report_page):
-    """Without the script that makes blobs of such results the frame stays empty."""
+def test_the_first_page_shows_results_and_the_graph_of_rules_below_them(report_page):
+    """As the report opens: its text begins within the window, and the graph where the text has ended."""
+    text = wait(report_page, lambda d: d.find_element(By.CSS_SELECTOR, "#app .document"))
+    graph = wait(report_page, lambda d: d.find_element(By.CSS_SELECTOR, "#app canvas, #app svg.marks"))
+    least = json.loads((ROOT / "results/numbers.json").read_text())["claims.S.local.observed"]
+    assert f"the least inf-sup constant that was found is {str(least)[:4]}" in text.text
+    assert text.location["y"] >= 0
+    assert graph.location["y"] >= text.location["y"] + text.size["height"]
+
+
+def test_the_supplement_opens(report_page):
     title = re.search(r"^title: (.*)$", (ROOT / "supplement.md").read_text(), re.MULTILINE)[1]
-    assert (ROOT / "results/paper/supplement.html").stat().st_size * 4 / 3 > 2**21
     text = open_row(report_page, "Paper", "supplement, as a page")
     assert title.strip('"') in " ".join(text.split())
     assert "References" in text

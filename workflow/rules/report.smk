@@ -1,7 +1,7 @@
 # What `snakemake --report` shows beside the figures and the paper, as pages.
 
 
-report: "../report/study.rst"
+report: "../../results/report/study.rst"
 
 
 PAGES = {
@@ -19,6 +19,7 @@ rule pages:
         manifest="results/manifest.json",
         parameters=PARAMETERS,
         texts=expand("workflow/report/{page}.md", page=PAGES),
+        front_text="workflow/report/study.md",
         filter="workflow/paper/numbers.lua",
         template="workflow/paper/paper.html",
     output:
@@ -26,6 +27,7 @@ rule pages:
             report(f"results/report/{page}.html", category="Tables", labels={"table": shows})
             for page, shows in PAGES.items()
         ],
+        front_page="results/report/study.rst",
     log:
         "results/logs/pages.log",
     benchmark:

@@ -12,7 +12,9 @@ with run(snakemake):
         manifest=snakemake.input.manifest,
         parameters=snakemake.input.parameters,
         texts=snakemake.input.texts,
+        front_text=snakemake.input.front_text,
         filter=snakemake.input.filter,
         template=snakemake.input.template,
         pages=snakemake.output.pages,
+        front_page=snakemake.output.front_page,
     )

@@ -13,7 +13,7 @@ import pandas as pd
 
 from study.documents import marks, verdicts
 from study.documents.numbers import format_markdown
-from study.documents.typesetting import convert_to_page
+from study.documents.typesetting import convert_to_page, convert_to_restructured_text
 from study.ledger import records
 from unilateral.system.files import replacing
 
@@ -27,17 +27,22 @@ def typeset_pages(
     manifest: str,
     parameters: Sequence[str],
     texts: Sequence[str],
+    front_text: str,
     filter: str,
     template: str,
     pages: Sequence[str],
+    front_page: str,
 ) -> None:
-    """Write a page for each text; `filter` is a Lua filter for pandoc."""
+    """Write a page for each text, and the front page; `filter` is a Lua filter for pandoc."""
     all_blocks = records.read_records(blocks) | provenance_blocks(records.read_records(manifest), parameters)
     holding = verdicts.holds_by_claim(records.read_records(claims))
     for text, page in zip(texts, pages, strict=True):
         filled = marks.fill_text(text, records.read_records(numbers), all_blocks, holding)
         with replacing(page) as temporary:
             temporary.write_text(convert_to_page(filled, text, filter, template), encoding="utf-8")
+    front = marks.fill_text(front_text, records.read_records(numbers), all_blocks, holding)
+    with replacing(front_page) as temporary:
+        temporary.write_text(convert_to_restructured_text(front), encoding="utf-8")
 
 
 def provenance_blocks(manifest: Mapping[str, Any], parameters: Iterable[str]) -> dict[str, str]:

@@ -48,6 +48,14 @@ def convert_to_page(text: str, paper: str | Path, numbers: str | Path, template:
     )
 
 
+def convert_to_restructured_text(text: str) -> str:
+    """A text in Markdown with marks as reStructuredText, for the first page of Snakemake's report."""
+    converted: str = pypandoc.convert_text(
+        marks.remove_marks(text), "rst", format="markdown", extra_args=["--wrap=none"]
+    )
+    return converted
+
+
 def _convert_markdown(
     text: str, paper: str | Path, target_format: str, numbers: str | Path, template: str | Path, *options: str
 ) -> str:
