@@ -176,6 +176,10 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
         yield ("totals", "scenes"), scene, scenes
         for i, case in enumerate(cases):
             yield ("totals", "scenes", scene, i), case, scenes[scene]["cases"]
+    for case, norms in study["rates"]["cases"].items():
+        for norm, expected in norms.items():
+            for i, scene in enumerate(expected.get("unproved", [])):
+                yield ("rates", "cases", case, norm, "unproved", i), scene, scenes
     for i, scene in enumerate(study["floors"]):
         yield ("floors", i), scene, scenes
     for scene in cost["h"]:

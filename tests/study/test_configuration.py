@@ -141,6 +141,7 @@ REFUSED = {
     "rates.norms.h1.bound.reference": ["h"],
     "rates.norms.energy": [{}],
     "rates.cases.thirds.h1.rate": ["fast"],
+    "rates.cases.thirds.l2.unproved": [["nowhere"], []],
 }
 """Values of fields that are refused."""
 NEEDED = [

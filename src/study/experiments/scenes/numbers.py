@@ -18,6 +18,8 @@ from study.scenes import has_clamped_sides
 from unilateral.formulas.formula import parse_real
 from unilateral.system.declarations import read_stored_yaml
 
+STAR = r"\*"
+"""The mark of an expected rate that no theorem proves, in Markdown."""
 SCENE_CLAIMS = Path(__file__).with_name("claims.yaml")
 
 
@@ -42,8 +44,8 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
     )
     return {
         "rates": tabulate_rates(judged, ratio),
-        "rates-by-case": tabulate_rates_by_case(judged, ratio),
-        "rates-clamped": tabulate_rates_by_case(clamped, ratio),
+        "rates-by-case": tabulate_rates_by_case(judged, ratio, study["rates"]["cases"]),
+        "rates-clamped": tabulate_rates_by_case(clamped, ratio, study["rates"]["cases"]),
         "floors": tabulate_floors(results["square/floors"]),
         "totals": tabulate_totals(bounded),
         "totals-clamped": tabulate_totals(clamped_totals),
@@ -90,8 +92,13 @@ def describe_rate(rates_row: xr.Dataset) -> str:
     return f"{smallest_rate(rates_row):.2f} of {float(rates_row['expected']):.3g} ({counted}){suffix}"
 
 
-def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
-    """Per case, the smallest rates of all scenes; a case that is nowhere judged has no row."""
+def tabulate_rates_by_case(
+    scenes: Mapping[str, xr.Dataset], ratio: float, expectations: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Per case, the smallest rates of all scenes; a case that is nowhere judged has no row.
+
+    An expected rate has a star if no theorem proves it on some of the scenes, by the `expectations` of cases.
+    """
     rows = []
     for case in dict.fromkeys(case for rates in scenes.values() for case in rates["case"].values):
         case_rates = {
@@ -101,7 +108,8 @@ def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd
         }
         rate_texts = {
             ERROR_TITLES[norm]: _describe_smallest_rate(
-                [rates.sel(norm=norm) for rates in case_rates.values()]
+                [rates.sel(norm=norm) for rates in case_rates.values()],
+                is_proved=set(expectations[case][norm].get("unproved", ())).isdisjoint(case_rates),
             )
             for norm in ERROR_NORMS
         }
@@ -110,13 +118,16 @@ def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd
     return pd.DataFrame(rows)
 
 
-def _describe_smallest_rate(rates_rows: Sequence[xr.Dataset]) -> str:
+def _describe_smallest_rate(rates_rows: Sequence[xr.Dataset], is_proved: bool) -> str:
     judged = [row for row in rates_rows if row["verdict"].item() in ("holds", "fails")]
     if not judged:
         return "exact" if rates_rows[0]["verdict"].item() == "exact" else DASH
     failed = any(row["verdict"].item() == "fails" for row in judged)
     expected = max(float(row["expected"]) for row in judged)
-    return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
+    star = "" if is_proved else STAR
+    return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}{star}" + (
+        ", **fails**" if failed else ""
+    )
 
 
 FLOOR_COLUMNS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {

@@ -43,15 +43,20 @@ def test_the_table_of_rates_has_each_observed_rate_beside_the_expected_one():
 
 
 def test_the_rates_of_a_case_are_the_smallest_of_its_scenes():
-    """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out."""
+    """By hand: in the second scene the last pair has 0.75. A case that is not judged is left out.
+
+    A star marks the rate that no theorem proves on a scene of the row; the other scene is not there.
+    """
+    unproved = {"h1": {}, "hm12": {"unproved": ["again"]}, "l2": {"unproved": ["elsewhere"]}}
+    expectations = {"first": unproved, "second": unproved}
     other_row = made_up().isel(case=[0])
     other_row["rate"][0, :, 0, 2] = 0.75
-    table = scenes.tabulate_rates_by_case({"square": made_up(), "again": other_row}, 0.5)
-    first = ["`first`", "square, again", "0.75 of 1", "0.75 of 1.5", "0.75 of 1"]
+    table = scenes.tabulate_rates_by_case({"square": made_up(), "again": other_row}, 0.5, expectations)
+    first = ["`first`", "square, again", "0.75 of 1", r"0.75 of 1.5\*", "0.75 of 1"]
     assert table.values.tolist() == [first, ["`second`", "square", "0.90 of 1, **fails**", "exact", "–"]]
     unknown = made_up().isel(case=[0])
     unknown["verdict"][:] = "not judged"
-    assert scenes.tabulate_rates_by_case({"square": unknown}, 0.5).empty
+    assert scenes.tabulate_rates_by_case({"square": unknown}, 0.5, expectations).empty
 
 
 def made_up_pairs():
