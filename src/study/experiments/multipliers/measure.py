@@ -18,6 +18,9 @@ The stabilised method has the indicators of boundary edges, so H = h. It seeks t
 
 with the residual lambda - du/dn = 0 squared (H. J. C. Barbosa, T. J. R. Hughes, Comput. Methods Appl. Mech.
 Engrg. 97 (1992) 193-210); |v|_1 is the norm of the form here. On an edge dv_h/dn is constant, N v.
+
+The lambda_i also give linear functions, which are no multipliers of these methods: through the lambda_i at
+the midpoints of cells, or at nodes.
 """
 
 from __future__ import annotations
@@ -53,6 +56,7 @@ REFERENCE_EDGES = 4
 """Edges of the reference mesh of the dual norm on each boundary edge."""
 NODAL = "nodal reactions"
 STABILISED = "stabilised, H = h"
+LINEAR = "linear"
 
 
 def measure_multipliers(study: Mapping[str, Any], errors: str) -> None:
@@ -129,7 +133,7 @@ def discretise(
         basis = indicator_basis(np.arange(nb) // count)
         bases[f"P0, H = {count}h"] = (basis, integrate_obstacles(cases, cells))
     nodal_obstacles = np.array([obstacle_at_nodes(case.problem, mesh) for case in cases])
-    bases[NODAL] = (dual_basis(nb), 0.5 * (lengths + np.roll(lengths, 1)) * nodal_obstacles)
+    bases[NODAL] = (nodal_basis(nb, 2.0, -1.0), 0.5 * (lengths + np.roll(lengths, 1)) * nodal_obstacles)
     # A^{-1} on the boundary and A^{-1} f there serve all of them
     inverse, traces = eliminate(A, trace, loads, order)
     methods = {}
@@ -144,6 +148,12 @@ def discretise(
     D, q = eliminate((A - N.T @ C @ N).tocsr(), B, loads, order)
     g = integrate_obstacles(cases, Partition(mesh.polygon, mesh.s))
     methods[STABILISED] = make_method(mesh, basis, D + C.toarray(), q - g)
+    # linear functions by the same lambda_i
+    first = edges_per_cell[0]
+    through_midpoints = midpoint_basis(mesh, Partition(mesh.polygon, mesh.s[::first]))
+    cells_name = f"P0, H = {first}h"
+    methods[f"{cells_name}, {LINEAR}"] = methods[cells_name]._replace(basis=through_midpoints)
+    methods[f"{NODAL}, {LINEAR}"] = methods[NODAL]._replace(basis=nodal_basis(nb, 1.0, 0.0))
     return methods
 
 
@@ -174,26 +184,40 @@ def indicator_basis(cell: Index) -> sp.csr_array:
     return sp.csr_array((np.ones(2 * len(cell)), (rows, np.repeat(cell, 2))))
 
 
-def dual_basis(nb: int) -> sp.csr_array:
-    """The values at the ends of edges of the dual basis (2 nb, nb): on an edge 2 - 3x and 3x - 1."""
+def nodal_basis(nb: int, at_node: float, at_neighbour: float) -> sp.csr_array:
+    """The values at the ends of edges of functions (2 nb, nb), one for each node, linear on its two edges.
+
+    They are `at_node` at the node, and `at_neighbour` at the other ends of both edges: 1 and 0 for hats. With
+    2 and -1 they are 2 - 3x and 3x - 1 on an edge, the dual basis: the integral of (2 - 3x) x is 0.
+    """
     start = np.arange(nb)
     end = (start + 1) % nb
-    # at x = 0 these are 2 and -1, at x = 1 they are -1 and 2
-    rows = np.concatenate([2 * start, 2 * start, 2 * start + 1, 2 * start + 1])
-    columns = np.concatenate([start, end, start, end])
-    return sp.csr_array((np.repeat([2.0, -1.0, -1.0, 2.0], nb), (rows, columns)))
+    rows = np.concatenate([2 * start, 2 * start + 1, 2 * start, 2 * start + 1])
+    columns = np.concatenate([start, end, end, start])
+    return sp.csr_array((np.repeat([at_node, at_neighbour], 2 * nb), (rows, columns)))
+
+
+def midpoint_basis(mesh: Mesh, cells: Partition) -> sp.csr_array:
+    """The values at the ends of edges of functions (2 nb, m) that are linear between midpoints of cells.
+
+    Each is 1 at the midpoint of its cell and 0 at the others. From the last two midpoints of a side, which
+    has two cells or more, functions go on to its end. The ends of cells are nodes.
+    """
+    middles = 0.5 * (cells.points[1:] + cells.points[:-1])
+    s = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
+    side = np.repeat(mesh.side, 2)
+    first = np.searchsorted(cells.side, side)
+    last = np.searchsorted(cells.side, side, side="right") - 1
+    before = np.clip(np.searchsorted(middles, s) - 1, first, last - 1)
+    x = (s - middles[before]) / (middles[before + 1] - middles[before])
+    rows = np.tile(np.arange(len(s)), 2)
+    return sp.csr_array((np.concatenate([1 - x, x]), (rows, np.concatenate([before, before + 1]))))
 
 
 def pair_with_hats(mesh: Mesh) -> sp.csr_array:
     """P (2 nb, nb): <mu, phi_j> = (P^T mu)_j for mu that is linear on edges, by its values at their ends."""
-    nb = len(mesh.boundary)
-    start = np.arange(nb)
-    end = (start + 1) % nb
-    # the mass matrix of an edge is |e| / 6 (2 1; 1 2)
-    third = np.diff(mesh.s) / 3
-    rows = np.concatenate([2 * start, 2 * start, 2 * start + 1, 2 * start + 1])
-    columns = np.concatenate([start, end, start, end])
-    return sp.csr_array((np.concatenate([third, third / 2, third / 2, third]), (rows, columns)))
+    # the mass matrix of an edge is |e| / 3 (1 1/2; 1/2 1)
+    return sp.diags_array(np.repeat(np.diff(mesh.s) / 3, 2)) @ nodal_basis(len(mesh.boundary), 1.0, 0.5)
 
 
 def normal_derivatives(mesh: Mesh) -> sp.csr_array:

@@ -23,7 +23,10 @@ from unilateral.solution.solver import Solver
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import uzawa
 
-SCHEMES = ["P0, H = 2h", "P0, H = 4h", "nodal reactions", "stabilised, H = h"]
+SCHEMES = [
+    *("P0, H = 2h", "P0, H = 4h", "nodal reactions", "stabilised, H = h"),
+    *("P0, H = 2h, linear", "nodal reactions, linear"),
+]
 GAMMA = 0.1
 QUADRATIC = {
     "title": "u = (x - 1/2)^2 + (y - 1/2)^2 in full contact, lambda = 1",
@@ -61,8 +64,9 @@ def minimise_energy(A, f, B, g):
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
     m = B.shape[0]
     cones = [clarabel.NonnegativeConeT(m)]
-    problem = (sp.csc_matrix(sp.triu(A)), -f, sp.csc_matrix(-B), -g, cones)
-    return np.array(clarabel.DefaultSolver(*problem, settings).solve().z)
+    rows = sp.csc_matrix(-B)
+    solver = clarabel.DefaultSolver(sp.csc_matrix(sp.triu(A)), -f, rows, -g, cones, settings)
+    return np.array(solver.solve().z)
 
 
 def test_p0_and_nodal_reactions_are_multipliers_of_the_least_energy(case, methods):
@@ -75,16 +79,16 @@ def test_p0_and_nodal_reactions_are_multipliers_of_the_least_energy(case, method
     nb = len(MESH.boundary)
     places = (np.ones(nb), (np.arange(nb), MESH.boundary))
     trace = sp.csr_array(places, shape=(nb, MESH.n_nodes))
-    found = {}
+    expected = {}
     for name, H in (("P0, H = 2h", 1 / 4), ("P0, H = 4h", 1 / 2)):
         cells = make_uniform_partition(square(), H)
         B = coupling(MESH, cells) @ trace
         g = cells.lengths * cell_means(case, cells).g_means
-        found[name] = minimise_energy(problem.A, load, B, g)
-        np.testing.assert_allclose(solve(methods[name]), found[name], atol=1e-8)
+        expected[name] = minimise_energy(problem.A, load, B, g)
+        np.testing.assert_allclose(solve(methods[name]), expected[name], atol=1e-8)
     reactions = minimise_energy(problem.A, load, trace, problem.g[MESH.boundary])
     np.testing.assert_allclose(solve(methods["nodal reactions"]), reactions / MESH.h, atol=1e-8)
-    assert np.abs(found["P0, H = 2h"] - np.repeat(found["P0, H = 4h"], 2)).max() > 0.05
+    assert np.abs(expected["P0, H = 2h"] - np.repeat(expected["P0, H = 4h"], 2)).max() > 0.05
 
 
 def test_the_stabilised_multiplier_is_that_of_the_saddle_point(case, methods):
@@ -105,12 +109,12 @@ def test_the_stabilised_multiplier_is_that_of_the_saddle_point(case, methods):
     distance = np.linalg.norm(MESH.points[inner][:, None] - MESH.points[np.stack([a, b], 1)], axis=2)
     foot = np.where(distance[:, 0] < distance[:, 1], a, b)
 
-    def multiplier(v, gamma):
-        return np.maximum(0, (v[foot] - v[inner]) / h - ((v[a] + v[b]) / 2 - g_means) / (gamma * h))
+    def maximise(v):
+        return np.maximum(0, (v[foot] - v[inner]) / h - ((v[a] + v[b]) / 2 - g_means) / (GAMMA * h))
 
-    def energy_and_slope(v):
+    def evaluate_energy(v):
         normal = (v[foot] - v[inner]) / h
-        mu = multiplier(v, GAMMA)
+        mu = maximise(v)
         gap = (v[a] + v[b]) / 2 - g_means
         energy = v @ (problem.A @ v) / 2 - load @ v
         energy += np.sum(-mu * h * gap - GAMMA / 2 * h**2 * (mu - normal) ** 2)
@@ -122,12 +126,12 @@ def test_the_stabilised_multiplier_is_that_of_the_saddle_point(case, methods):
         return energy, slope
 
     options = {"gtol": 1e-11, "maxiter": 10_000}
-    v = minimize(energy_and_slope, np.zeros(MESH.n_nodes), jac=True, method="BFGS", options=options).x
-    assert np.abs(energy_and_slope(v)[1]).max() < 1e-7
+    v = minimize(evaluate_energy, np.zeros(MESH.n_nodes), jac=True, method="BFGS", options=options).x
+    assert np.abs(evaluate_energy(v)[1]).max() < 1e-7
     computed = solve(methods["stabilised, H = h"])
-    np.testing.assert_allclose(computed, multiplier(v, GAMMA), atol=1e-5)
-    (other,) = [measure.discretise([case], MESH, [], 0.4)["stabilised, H = h"]]
-    assert np.abs(solve(other) - computed).max() > 0.05
+    np.testing.assert_allclose(computed, maximise(v), atol=1e-5)
+    changed = measure.discretise([case], MESH, [2], 0.4)["stabilised, H = h"]
+    assert np.abs(solve(changed) - computed).max() > 0.05
 
 
 def test_p0_is_what_users_get(case, methods):
@@ -140,7 +144,7 @@ def test_the_dual_basis_is_orthogonal_to_the_hats_of_other_nodes():
     """<psi_i, phi_i> is half the length of both edges at node i. Control: indicators of edges are not."""
     lengths = np.diff(GRADED.s)
     nb = len(lengths)
-    products = (measure.dual_basis(nb).T @ measure.pair_with_hats(GRADED)).toarray()
+    products = (measure.nodal_basis(nb, 2, -1).T @ measure.pair_with_hats(GRADED)).toarray()
     weights = (lengths + np.roll(lengths, 1)) / 2
     np.testing.assert_allclose(products, np.diag(weights), atol=1e-15)
     indicators = measure.indicator_basis(np.arange(nb)).T @ measure.pair_with_hats(GRADED)
@@ -148,7 +152,37 @@ def test_the_dual_basis_is_orthogonal_to_the_hats_of_other_nodes():
 
 
 def test_the_dual_basis_reproduces_constants():
-    np.testing.assert_allclose(measure.dual_basis(5) @ np.ones(5), 1, rtol=1e-15)
+    np.testing.assert_allclose(measure.nodal_basis(5, 2, -1) @ np.ones(5), 1, rtol=1e-15)
+
+
+def test_linear_reactions_have_the_same_numbers_as_values_at_nodes(methods):
+    """At both ends of each edge; those of the dual basis are 2 a - b there. Control: a != b."""
+    nodal = solve(methods["nodal reactions"])
+    linear = methods["nodal reactions, linear"]
+    np.testing.assert_array_equal(solve(linear), nodal)
+    values = linear.evaluate_at_ends(nodal)
+    np.testing.assert_array_equal(values, np.stack([nodal, np.roll(nodal, -1)], axis=1))
+    dual = methods["nodal reactions"].evaluate_at_ends(nodal)
+    np.testing.assert_allclose(dual, 2 * values - values[:, ::-1], rtol=1e-14)
+    assert np.abs(values[:, 0] - values[:, 1]).max() > 0.5
+
+
+def test_functions_through_midpoints_reproduce_linear_ones():
+    """Another one on each side, also towards its ends; cells of two edges of many lengths.
+
+    Control: a function that is not linear is not reproduced.
+    """
+    mesh = triangulate_from_boundary(
+        square(), np.concatenate([k + np.array([0, 0.1, 0.4, 0.6]) for k in range(4)])
+    )
+    cells = Partition(square(), mesh.s[::2])
+    middles = (cells.points[1:] + cells.points[:-1]) / 2
+    ends = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
+    slopes = np.array([3, -1, 0.5, 2])
+    basis = measure.midpoint_basis(mesh, cells)
+    computed = basis @ (slopes[cells.side] * middles)
+    np.testing.assert_allclose(computed, slopes[np.repeat(mesh.side, 2)] * ends, rtol=1e-14, atol=1e-14)
+    assert np.abs(basis @ middles**2 - ends**2).max() > 0.01
 
 
 def test_products_with_hats_are_those_of_the_library():
@@ -212,5 +246,5 @@ def test_a_table_of_two_sizes_is_stored(tmp_path):
     assert stored["case"].values.tolist() == ["natural", "thirds"]
     assert stored["scheme"].values.tolist() == SCHEMES
     assert stored["h"].values.tolist() == [0.25, 0.125]
-    assert stored["multipliers"].values.tolist() == [[8, 4, 16, 16], [16, 8, 32, 32]]
+    assert stored["multipliers"].values.tolist() == [[8, 4, 16, 16, 8, 16], [16, 8, 32, 32, 16, 32]]
     assert stored.notnull().all()
