@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from study import style, tables
 
 PANEL_LEFTS_CM = (1.3, 6.85, 12.4)
-PANEL_BOTTOMS_CM = {"l2": 2.4, "hm12": 7.3}
+PANEL_BOTTOMS_CM = {"l2": 2.5, "hm12": 7.4}
 PANEL_WIDTH_CM = 4.4
 PANEL_HEIGHT_CM = 4.1
 """The left ends of the columns, the lower ends of the rows, and the size of a panel, in cm."""

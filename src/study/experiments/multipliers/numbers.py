@@ -26,15 +26,21 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
     """Finest errors in H^(-1/2) over those of lambda_H with H = 2h, and the factor of the stabilisation.
 
     `continuous` is the largest of the cases whose lambda is continuous, `jump` that of `natural`, whose
-    lambda jumps at the vertices.
+    lambda jumps at the vertices. `same_number` compares the stabilised multiplier with lambda_H on a mesh of
+    half the size, where both have equally many multipliers: the least and the largest of the cases.
     """
-    dual = _relative_errors(results["multipliers/errors"], "hm12")
+    errors = results["multipliers/errors"]
+    dual = _relative_errors(errors, "hm12")
     continuous = dual.sel(case=["thirds", "smooth"]).max("case")
     jumping = dual.sel(case="natural")
     groups = {
         name: {"continuous": float(continuous.sel(scheme=scheme)), "jump": float(jumping.sel(scheme=scheme))}
         for name, scheme in NAMED_SCHEMES.items()
     }
+    error = tables.error_in_norm(errors, "hm12")
+    coarser = error.sel(scheme="stabilised, H = h").isel(mesh=-2)
+    same_number = coarser / error.sel(scheme="P0, H = 2h").isel(mesh=-1)
+    groups["same_number"] = {"least": float(same_number.min()), "largest": float(same_number.max())}
     return {"multipliers": groups | {"gamma": study["multipliers"]["stabilisation"]}}
 
 

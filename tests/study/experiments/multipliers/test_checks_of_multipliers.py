@@ -75,10 +75,14 @@ def test_documents_show_rates_over_two_halvings_and_relative_errors():
     places = {"nodal": 2, "stabilised": 3, "linear": 4, "nodal_linear": 5}
     for name, place in places.items():
         assert named[name] == pytest.approx({"continuous": place, "jump": place})
+    # three times the error of the first one, on a mesh of twice the size
+    assert named["same_number"] == pytest.approx({"least": 3 * 2**1.5, "largest": 3 * 2**1.5})
 
 
 def test_the_largest_error_of_the_continuous_cases_is_named():
-    """One order less multiplies the finest error, at h = 1/256, by 256."""
-    results = {"multipliers/errors": make_errors({("smooth", NODAL): 0.5, ("natural", NODAL): 2.5})}
-    named = numbers.numbers(results, {"multipliers": {"stabilisation": "1/10"}})["multipliers"]["nodal"]
-    assert named == pytest.approx({"continuous": 2 * 256, "jump": 2 / 256})
+    """One order less multiplies the finest error, at h = 1/256, by 256; half of one that at 1/128."""
+    orders = {("smooth", NODAL): 0.5, ("natural", NODAL): 2.5, ("thirds", "stabilised, H = h"): 1}
+    results = {"multipliers/errors": make_errors(orders)}
+    named = numbers.numbers(results, {"multipliers": {"stabilisation": "1/10"}})["multipliers"]
+    assert named["nodal"] == pytest.approx({"continuous": 2 * 256, "jump": 2 / 256})
+    assert named["same_number"] == pytest.approx({"least": 3 * 2**1.5, "largest": 3 * 256**1.5 / 128})
