@@ -33,6 +33,7 @@ FIELD_LIMITS = {
     "shift": (operator.lt, 1, "below 1"),
     "kappas": (operator.le, 1, "at most 1"),
     "deltas": (operator.le, 0.5, "at most 1/2"),
+    "stabilisation": (operator.lt, 0.5, "below 1/2"),
 }
 """Limits of numbers and of those in lists, by the names of fields. JSON Schema does not know fractions."""
 FIELD_ORDERS = {

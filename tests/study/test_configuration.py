@@ -88,6 +88,7 @@ REFUSED = {
     "surveys.betanode.mesh": [{"kind": "inner", "ends": False}, {"kind": "inner", "spread": 2}],
     "surveys.betasquare.deltas": [["1/2"]],
     "algorithm.shares": [["1/2"]],
+    "multipliers.stabilisation": ["1/2", 0.7, 0],
     "scenes.quick.H": ["1/8", ["1/4", "1/0"]],
     "scenes.quick.H_over_h.least": [2],
     "scenes.quick.judged": ["no"],

@@ -32,6 +32,7 @@ ACCEPTED = [
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell|radius|reference)", SIZES),
     (r"graded\.scenes\.\d+\.kappas\.\d+", "tiny|half"),
     (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),
+    (r"multipliers\.stabilisation", "tiny"),
     (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.

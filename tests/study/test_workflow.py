@@ -221,6 +221,7 @@ TOLD = {
     "cost": ["algorithm", "case", "scene", "algebra", "precision"],
     "extremes": ["extremes", "reaction"],
     "graded": ["errors", "adapted"],
+    "multipliers": ["errors"],
     "sharpness": ["rates"],
 }
 """The tables of experiments of which documents tell."""

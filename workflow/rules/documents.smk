@@ -30,6 +30,7 @@ rule document_numbers:
             "results/extremes/reaction.nc",
             "results/graded/errors.nc",
             "results/graded/adapted.nc",
+            "results/multipliers/errors.nc",
             *expand("results/{scene}/rates.nc", scene=JUDGED),
             *expand("results/{scene}/totals.nc", scene=TOTALS),
             "results/square/floors.nc",

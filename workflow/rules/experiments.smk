@@ -118,6 +118,26 @@ rule certify:
         "../scripts/certify.py"
 
 
+rule multipliers:
+    input:
+        cases_on_polygons(config["multipliers"]["scenes"]),
+    output:
+        errors="results/multipliers/errors.nc",
+    log:
+        "results/logs/multipliers.log",
+    benchmark:
+        "results/benchmarks/multipliers.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["multipliers"],
+        code=code("multipliers"),
+    message:
+        "multipliers: errors of lambda by other methods on the same meshes"
+    script:
+        "../scripts/multipliers.py"
+
+
 rule extremes:
     output:
         extremes="results/extremes/extremes.nc",

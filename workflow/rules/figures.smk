@@ -189,6 +189,25 @@ rule draw_multiplier:
         "../scripts/draw_multiplier.py"
 
 
+rule draw_multipliers:
+    input:
+        errors="results/multipliers/errors.nc",
+    output:
+        **figure("multipliers"),
+    log:
+        "results/logs/draw_multipliers.log",
+    benchmark:
+        "results/benchmarks/draw_multipliers.tsv"
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_multipliers"),
+    message:
+        "The figure figures/multipliers.svg and its table"
+    script:
+        "../scripts/draw_multipliers.py"
+
+
 rule draw_extremes:
     input:
         extremes="results/extremes/extremes.nc",

@@ -24,6 +24,7 @@ from study.experiments.certify import numbers as certify
 from study.experiments.cost import numbers as cost
 from study.experiments.extremes import numbers as extremes
 from study.experiments.graded import numbers as graded
+from study.experiments.multipliers import numbers as multipliers
 from study.experiments.scenes import numbers as scenes
 from study.experiments.sharpness import numbers as sharpness
 from study.experiments.stability import numbers as stability
@@ -35,7 +36,8 @@ from unilateral.norms.resolution import RULE
 from unilateral.system.files import replacing
 
 NUMBER_MODULES = (
-    *(adaptive, benchmarks, cells, certain, certify, cost, extremes, graded, scenes, sharpness, stability),
+    *(adaptive, benchmarks, cells, certain, certify, cost, extremes, graded, multipliers),
+    *(scenes, sharpness, stability),
 )
 LOADERS: dict[str, Callable[[str], Any]] = {
     ".nc": tables.load_table,
