@@ -99,8 +99,10 @@ def sharp_bound(
         D_clamped=D_clamped,
         sigma_distance=sigma.multiplier_distance(mesh, form),
     )
-    remainder_norm = max(y.remainder_norm, v.lift.remainder_norm)
-    return replace(collect_bounds(data, form, errors, D, remainder_norm, field.outflows), steps=steps)
+    return replace(
+        collect_bounds(data, form, errors, D, max(y.remainder_norm, v.lift.remainder_norm), field.outflows),
+        steps=steps,
+    )
 
 
 def _start_field(
