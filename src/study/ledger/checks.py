@@ -60,9 +60,7 @@ def worst(
     named: dict[str, float] = {}
     for scene in scenes:
         name = table.format(scene=scene)
-        data = _select_data(tables[name], cases, select, H_over_h)
-        for variable, text in (let or {}).items():
-            data = data.assign({variable: _evaluate(data, text)})
+        data = _define_variables(_select_data(tables[name], cases, select, H_over_h), let or {})
         values = _evaluate(data, value)
         counts = _evaluate(data, where) if where else xr.ones_like(values, dtype=bool)
         row_values, has_values = _find_worst_by_row(values, counts, rows, smallest)
@@ -97,6 +95,13 @@ def _select_data(
     if select is not None:
         table = table.sel(select)
     return table if H_over_h is None else stored.select_ratio(table, 1 / H_over_h)
+
+
+def _define_variables(data: xr.Dataset, expressions: Mapping[str, str]) -> xr.Dataset:
+    """The data with the values of expressions by their names; each may use those before it."""
+    for variable, text in expressions.items():
+        data = data.assign({variable: _evaluate(data, text)})
+    return data
 
 
 def _evaluate(data: xr.Dataset, value: str | Sequence[str] | Mapping[str, str]) -> xr.DataArray:
