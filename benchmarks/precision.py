@@ -122,31 +122,42 @@ def obstacle(case: ExactSolution, points: Array) -> Array:
 
 def squared_residuals(case: ExactSolution, basis: Basis, u: Array, contact: Mask) -> Array:
     """The squared residual (t,) of each triangle."""
-    mesh = basis.mesh
-    laplacian = divergence_of_gradient(basis, u)[:, None]
     # h_T^2 ||f + Delta u - u||_T^2, where h_T^2 is the area
+    laplacian = divergence_of_gradient(basis, u)[:, None]
     value = np.asarray(basis.interpolate(u))
     f = evaluate(case, np.asarray(basis.global_coordinates()))[2]
-    areas = basis.dx.sum(axis=1)
-    squares = areas * ((f + laplacian - value) ** 2 * basis.dx).sum(axis=1)
-    # h_e ||[du/dn]||_e^2, half for either triangle
-    sides = [InteriorFacetBasis(mesh, ElementTriP2(), side=side) for side in (0, 1)]
+    squares = basis.dx.sum(axis=1) * ((f + laplacian - value) ** 2 * basis.dx).sum(axis=1)
+    # half of h_e ||[du/dn]||_e^2 for either triangle
+    jump_squares, neighbours = square_jumps(basis, u)
+    for triangles in neighbours:
+        squares += np.bincount(triangles, 0.5 * jump_squares, len(squares))
+    flux_squares, outer_triangles = square_boundary_fluxes(basis, u, contact)
+    return squares + np.bincount(outer_triangles, flux_squares, len(squares))
+
+
+def square_jumps(basis: Basis, u: Array) -> tuple[Array, Index]:
+    """h_e ||[du/dn]||_e^2 on the inner edges, (e,), and both triangles of each, (2, e)."""
+    sides = [InteriorFacetBasis(basis.mesh, ElementTriP2(), side=side) for side in (0, 1)]
     jump = sum(
         sign * (basis_e.interpolate(u).grad * sides[0].normals).sum(axis=0)
         for sign, basis_e in zip((1, -1), sides, strict=True)
     )
-    lengths = sides[0].dx.sum(axis=1)
-    jumps = lengths * (jump**2 * sides[0].dx).sum(axis=1)
-    for triangles in mesh.f2t[:, sides[0].find]:
-        squares += np.bincount(triangles, 0.5 * jumps, len(squares))
-    # h_e ||du/dn||_e^2 on the boundary, of which the negative part alone counts where all nodes touch
+    squares: Array = sides[0].dx.sum(axis=1) * (jump**2 * sides[0].dx).sum(axis=1)
+    return squares, basis.mesh.f2t[:, sides[0].find]
+
+
+def square_boundary_fluxes(basis: Basis, u: Array, contact: Mask) -> tuple[Array, Index]:
+    """h_e ||du/dn||_e^2 on the boundary edges, (e,), and the triangle of each, (e,).
+
+    Where all nodes touch, the negative part of the flux alone counts.
+    """
+    mesh = basis.mesh
     outer = FacetBasis(mesh, ElementTriP2())
     flux = (outer.interpolate(u).grad * outer.normals).sum(axis=0)
     touches = contact[basis.dofs.facet_dofs[0, outer.find]]
     touches &= contact[mesh.facets[:, outer.find]].all(axis=0)
     residual = np.where(touches[:, None], np.minimum(flux, 0), flux)
-    outer_squares = outer.dx.sum(axis=1) * (residual**2 * outer.dx).sum(axis=1)
-    return squares + np.bincount(mesh.f2t[0, outer.find], outer_squares, len(squares))
+    return outer.dx.sum(axis=1) * (residual**2 * outer.dx).sum(axis=1), mesh.f2t[0, outer.find]
 
 
 def divergence_of_gradient(basis: Basis, u: Array) -> Array:

@@ -48,16 +48,37 @@ def make_space(mesh: Any) -> Any:
     return V
 
 
+def list_means(finest_means: np.ndarray, levels: list[Level], edges: int) -> list[np.ndarray]:
+    """The cell means of g on each level, from those on the finest, over cells of that many edges."""
+    means = [finest_means]
+    for level in levels[:0:-1]:
+        means.insert(0, coarsen_means(means[0], level.s[::edges]))
+    return means
+
+
+def renumber_values(values: np.ndarray, dof_of_node: np.ndarray) -> np.ndarray:
+    """The values (n,) at nodes in the order of GetFEM's unknowns."""
+    renumbered = np.empty(len(values))
+    renumbered[dof_of_node] = values
+    return renumbered
+
+
 def build_model(
-    mesh: Any, V: Any, level: Level, means: np.ndarray, parameters: Mapping[str, Any], B: gf.Spmat
+    mesh: Any,
+    V: Any,
+    level: Level,
+    dof_of_node: np.ndarray,
+    means: np.ndarray,
+    parameters: Mapping[str, Any],
 ) -> Any:
-    """The problem on a level, with the cell means (m,) of g; `level` has GetFEM's numbers of nodes."""
+    """The problem on a level, with the cell means (m,) of g; node i has the unknown `dof_of_node[i]` (n,)."""
+    B = minus_means(dof_of_node[level.boundary], level.s, parameters["H_over_h"], len(dof_of_node))
     rule = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     model = gf.Model("real")
     model.add_fem_variable("u", V)
     model.add_Laplacian_brick(rule, "u")
     model.add_mass_brick(rule, "u")
-    model.add_explicit_rhs("u", level.load)
+    model.add_explicit_rhs("u", renumber_values(level.load, dof_of_node))
     model.add_variable("pressure", len(means))
     model.add_initialized_data("r", [parameters["r"]])
     model.add_initialized_data("alpha", [1.0])
@@ -66,15 +87,40 @@ def build_model(
     return model
 
 
+def solve_from_mesh_to_mesh(
+    levels: list[Level],
+    meshes: list[Any],
+    spaces: list[Any],
+    numbers: list[np.ndarray],
+    means: list[np.ndarray],
+    parameters: Mapping[str, Any],
+) -> tuple[np.ndarray, int]:
+    """u (n,) at the nodes of the finest mesh, and the steps of Newton's method there.
+
+    On each level node i has the unknown `numbers[k][i]`, and g the cell means `means[k]`.
+    """
+    u = np.zeros(0)
+    pressure = np.zeros(0)
+    for k, level in enumerate(levels):
+        model = build_model(meshes[k], spaces[k], level, numbers[k], means[k], parameters)
+        # the start: u interpolated from the mesh before, and the pressure of each cell in both its halves
+        if k:
+            model.set_variable("u", renumber_values(interpolation(level) @ u, numbers[k]))
+            model.set_variable("pressure", np.repeat(pressure, 2))
+        steps, converged = model.solve("max_res", parameters["tolerance"], "max_iter", MAX_STEPS)
+        assert converged
+        u = model.variable("u")[numbers[k]]
+        pressure = model.variable("pressure")
+    return u, int(steps)
+
+
 def main() -> None:
     """A run."""
     data, parameters, path = order()
     points = data["points"]
     edges = parameters["H_over_h"]
     levels = [level for level in read_levels(data) if len(level.boundary) % edges == 0]
-    means = [data[f"means_{edges}"]]
-    for level in levels[:0:-1]:
-        means.insert(0, coarsen_means(means[0], level.s[::edges]))
+    means = list_means(data[f"means_{edges}"], levels, edges)
     clock = Clock()
     meshes = [gf.Mesh("ptND", points[: len(level.load)].T, level.triangles.T) for level in levels]
     spaces = [make_space(mesh) for mesh in meshes]
@@ -83,25 +129,10 @@ def main() -> None:
     dofs = [V.basic_dof_nodes().T for V in spaces]
     numbers = [match_nodes(points[: len(x)], x) for x in dofs]
     clock.skip()
-    pressure = np.zeros(0)
-    u = np.zeros(0)
-    for k, (mesh, V, level, dof_of_node) in enumerate(zip(meshes, spaces, levels, numbers, strict=True)):
-        load = np.empty(len(level.load))
-        load[dof_of_node] = level.load
-        B = minus_means(dof_of_node[level.boundary], level.s, edges, len(load))
-        model = build_model(mesh, V, level._replace(load=load), means[k], parameters, B)
-        if k:
-            start = np.empty(len(load))
-            start[dof_of_node] = interpolation(level) @ u
-            model.set_variable("u", start)
-            model.set_variable("pressure", np.repeat(pressure, 2))
-        steps, converged = model.solve("max_res", parameters["tolerance"], "max_iter", MAX_STEPS)
-        assert converged
-        u = model.variable("u")[dof_of_node]
-        pressure = model.variable("pressure")
+    u, steps = solve_from_mesh_to_mesh(levels, meshes, spaces, numbers, means, parameters)
     clock.lap("solve")
     result = {"way": parameters["way"], "H_over_h": edges, "phases": clock.only(clock.phases)}
-    report(clock, path, points, [{**result, "sets": int(steps)}], [u])
+    report(clock, path, points, [{**result, "sets": steps}], [u])
 
 
 if __name__ == "__main__":

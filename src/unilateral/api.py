@@ -221,12 +221,7 @@ def solve(
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """
-    now = perf_counter()
-    begin = read_optional_number("begin", begin)
-    if begin is None:
-        begin = now
-    if not begin <= now:
-        raise InputError(f"begin is {begin:g}; it has to be a time of time.perf_counter() that has passed")
+    start_time = _read_start_time(begin)
     problem = _as_problem(problem)
     h = read_optional_number("h", h)
     H = read_optional_number("H", H)
@@ -243,9 +238,14 @@ def solve(
     limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
     # on given sizes
     if accuracy is None:
-        other_norm = not (isinstance(norm, str) and norm == GOAL_NORMS[0])
-        flags = {"absolute": absolute, "dry_run": dry_run, "norm": other_norm, "sides": sides is not None}
-        _refuse_accuracy_options(limits, **flags)
+        is_default_norm = isinstance(norm, str) and norm == GOAL_NORMS[0]
+        _refuse_accuracy_options(
+            limits,
+            absolute=absolute,
+            dry_run=dry_run,
+            norm=not is_default_norm,
+            sides=sides is not None,
+        )
         stop = stop or Stop()
         problem, triangulation, partition = mesh_problem(problem, h, H, mesh, stop)
         solution = Solution(problem, solve_on_mesh(problem, triangulation, partition, stop))
@@ -254,16 +254,7 @@ def solve(
     # up to an accuracy, on meshes that the search makes
     if h is not None or H is not None:
         raise InputError("an accuracy makes its own meshes; leave it out, or leave out h and H")
-    if problem.mesh is not None:
-        raise InputError(
-            f"'{problem.name}' has a mesh of its own, and an accuracy chooses meshes; give H instead, or "
-            "make the problem from the polygon"
-        )
-    if problem.has_functions:
-        raise InputError(
-            f"'{problem.name}': f, g, q and u must be formulas for an accuracy, because functions have other "
-            "values between the nodes of each mesh; give h and H"
-        )
+    _refuse_data_of_one_mesh(problem)
     goal = Goal(
         accuracy,
         norm,
@@ -274,13 +265,11 @@ def solve(
         stop=stop or Stop(),
         sides=_read_goal_sides(problem, norm, sides),
     )
-    needs_contact = goal.norm == "hm12" or (goal.norm == "force" and not goal.sides)
-    if needs_contact and not problem.contact_sides:
-        raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
+    _refuse_goal_without_contact(problem, goal)
     # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         coarsest = fit_mesh(mesh, problem.polygon) if isinstance(mesh, Mesh) else None
-        levels = search(problem, goal, tell, dry_run, begin, coarsest)
+        levels = search(problem, goal, tell, dry_run, start_time, coarsest)
     solution = Solution(problem, levels.best.solved, levels)
     if not dry_run:
         warn_of_shortfalls(solution)
@@ -391,6 +380,38 @@ def _read_goal_sides(
     if not with_force:
         raise InputError(f"sides {numbers} are free sides, where the flux is given; name others")
     return with_force
+
+
+def _read_start_time(begin: float | None) -> float:
+    """The time from which seconds count, by default now. Raises InputError for one that has not passed."""
+    now = perf_counter()
+    begin = read_optional_number("begin", begin)
+    if begin is None:
+        return now
+    if not begin <= now:
+        raise InputError(f"begin is {begin:g}; it has to be a time of time.perf_counter() that has passed")
+    return begin
+
+
+def _refuse_data_of_one_mesh(problem: problems.Problem) -> None:
+    """Raises InputError for data that mean something on one mesh only, where an accuracy takes several."""
+    if problem.mesh is not None:
+        raise InputError(
+            f"'{problem.name}' has a mesh of its own, and an accuracy chooses meshes; give H instead, or "
+            "make the problem from the polygon"
+        )
+    if problem.has_functions:
+        raise InputError(
+            f"'{problem.name}': f, g, q and u must be formulas for an accuracy, because functions have other "
+            "values between the nodes of each mesh; give h and H"
+        )
+
+
+def _refuse_goal_without_contact(problem: problems.Problem, goal: Goal) -> None:
+    """Raises InputError for an accuracy of lambda or of a force where no side has contact."""
+    needs_contact = goal.norm == "hm12" or (goal.norm == "force" and not goal.sides)
+    if needs_contact and not problem.contact_sides:
+        raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
 
 
 def _refuse_accuracy_options(limits: Mapping[str, Size | None], **flags: bool) -> None:

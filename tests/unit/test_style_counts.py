@@ -17,6 +17,10 @@ OTHER_TREES = {
     folder: [ast.parse(file.read_text(encoding="utf-8")) for file in sorted((ROOT / folder).rglob("*.py"))]
     for folder in ("tests", "benchmarks")
 }
+MAX_LOCAL_NAMES = 15
+"""A function with more local names than these is more than one step, or one algorithm without its steps."""
+MAX_LINES = 40
+"""A function with more lines below its first one, its docstring included, does not fit on a screen."""
 LINES = sum(text.count("\n") for text in TEXTS.values())
 
 FUNCTION_WORDS = {
@@ -123,6 +127,22 @@ def find_undocumented_functions(tree):
     ]
 
 
+def find_crowded_functions(tree):
+    """Lines of functions that assign more than MAX_LOCAL_NAMES names; those of inner functions count."""
+    return [
+        function.lineno
+        for function in select_nodes(tree, ast.FunctionDef)
+        if len({node.id for node in select_nodes(function, ast.Name) if isinstance(node.ctx, ast.Store)})
+        > MAX_LOCAL_NAMES
+    ]
+
+
+def find_long_functions(tree):
+    """Lines of functions of more than MAX_LINES lines."""
+    functions = select_nodes(tree, ast.FunctionDef)
+    return [node.lineno for node in functions if node.end_lineno - node.lineno > MAX_LINES]
+
+
 def find_comments(text):
     """Lines of the comments that are for a reader."""
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
@@ -216,11 +236,20 @@ def find_verbless_helpers(tree):
         ("benchmarks", find_unpacked_generators, 0),
         ("benchmarks", find_splats, 0),
         ("benchmarks", find_verbless_helpers, 0),
+        ("benchmarks", find_crowded_functions, 6),
+        ("benchmarks", find_long_functions, 0),
     ],
 )
 def test_habits_grow_rarer_in_tests_and_benchmarks(folder, find, limit):
     """A ratchet: each limit is the count of the day on which it was last lowered, and none is raised."""
     assert sum(len(find(tree)) for tree in OTHER_TREES[folder]) <= limit
+
+
+@pytest.mark.parametrize(("find", "limit"), [(find_crowded_functions, 2), (find_long_functions, 14)])
+def test_large_functions_grow_rarer(find, limit):
+    """A ratchet of src, whose limits are the counts of the day on which they were last lowered."""
+    places = list_places(find)
+    assert len(places) <= limit, places
 
 
 @pytest.mark.parametrize(
@@ -244,6 +273,17 @@ def test_habits_grow_rarer_in_tests_and_benchmarks(folder, find, limit):
             find_undocumented_functions,
             'def f(): ...\ndef g():\n    "Values."\n@overload\ndef h(): ...\ndef _k(): ...',
             [1],
+        ),
+        (
+            find_crowded_functions,
+            f"def f():\n    {', '.join(f'x{i}' for i in range(MAX_LOCAL_NAMES))} = y\n"
+            f"def g():\n    {', '.join(f'x{i}' for i in range(MAX_LOCAL_NAMES + 1))} = y",
+            [3],
+        ),
+        (
+            find_long_functions,
+            "def f():\n" + MAX_LINES * "    x\n" + "def g():\n" + (MAX_LINES + 1) * "    x\n",
+            [MAX_LINES + 2],
         ),
     ],
 )

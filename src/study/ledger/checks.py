@@ -60,19 +60,25 @@ def worst(
     named: dict[str, float] = {}
     for scene in scenes:
         name = table.format(scene=scene)
-        data = _select_data(tables[name], cases, select, H_over_h)
-        for variable, text in (let or {}).items():
-            data = data.assign({variable: _evaluate(data, text)})
+        data = _define_variables(_select_data(tables[name], cases, select, H_over_h), let or {})
         values = _evaluate(data, value)
         counts = _evaluate(data, where) if where else xr.ones_like(values, dtype=bool)
-        # What is excluded is NaN, which min and max pass over; a row of these alone is NaN
-        values, counts = xr.broadcast(values.where(counts), counts)
-        row_dims = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
-        row_values = values.min(row_dims) if smallest else values.max(row_dims)
+        row_values, has_values = _find_worst_by_row(values, counts, rows, smallest)
         worst_by_row = name_values(row_values, rows, scene or name)
-        counted = name_values(counts.any(row_dims), rows, scene or name)
+        counted = name_values(has_values, rows, scene or name)
         named |= {row: worst_by_row[row] for row in worst_by_row if counted[row] or not left_out}
     return evidence.pick_worst(named, quantity, required, smallest)
+
+
+def _find_worst_by_row(
+    values: xr.DataArray, counts: xr.DataArray, rows: str, smallest: bool
+) -> tuple[xr.DataArray, xr.DataArray]:
+    """The worst of the values that count in each row, and whether any does; `rows` names the coordinates."""
+    # What is excluded is NaN, which min and max pass over; a row of these alone is NaN
+    values, counts = xr.broadcast(values.where(counts), counts)
+    row_dims = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
+    row_values = values.min(row_dims) if smallest else values.max(row_dims)
+    return row_values, counts.any(row_dims)
 
 
 def all_of(tables: Tables, statements: Sequence[Mapping[str, Any]], **shared: Any) -> Evidence:
@@ -89,6 +95,13 @@ def _select_data(
     if select is not None:
         table = table.sel(select)
     return table if H_over_h is None else stored.select_ratio(table, 1 / H_over_h)
+
+
+def _define_variables(data: xr.Dataset, expressions: Mapping[str, str]) -> xr.Dataset:
+    """The data with the values of expressions by their names; each may use those before it."""
+    for variable, text in expressions.items():
+        data = data.assign({variable: _evaluate(data, text)})
+    return data
 
 
 def _evaluate(data: xr.Dataset, value: str | Sequence[str] | Mapping[str, str]) -> xr.DataArray:

@@ -6,6 +6,7 @@ import re
 
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from study import style
@@ -83,15 +84,20 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             )
             _draw_claims(axes, rows, half)
             axes.set_xlim(smallest / 1.6, largest * 1.6)
-        marks = {kind: mark for kind, mark in VERDICT_MARKS.items() if kind in set(data["kind"])}
-        handles = [
-            style.legend_entry(kind, ls="", marker=mark, color=colour, mec="white")
-            for kind, (mark, colour) in marks.items()
-        ]
+        handles = _list_legend_entries(set(data["kind"]))
         style.add_legend(figure, handles, 0.1, height, ncols=3, borderpad=None, borderaxespad=None)
         ends = f"below {smallest:g} and above {largest:g} they are drawn there"
         note = f"Margins are relative to what is required; {ends}; counts that have to be 0 have none."
         style.add_note(figure, note)
+
+
+def _list_legend_entries(kinds: set[str]) -> list[Line2D]:
+    """The marks of the kinds of verdicts that are drawn."""
+    return [
+        style.legend_entry(kind, ls="", marker=mark, color=colour, mec="white")
+        for kind, (mark, colour) in VERDICT_MARKS.items()
+        if kind in kinds
+    ]
 
 
 def _draw_claims(axes: Axes, rows: pd.DataFrame, n_places: int) -> None:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.clamped_ends import LOWERING_PER_REMAINDER
 from unilateral.bounds.enclosed_data import EnclosedData
 from unilateral.bounds.local_bounds import Bound
@@ -98,42 +98,46 @@ class ContactProof:
 
     def decide(self, arcs: Arcs) -> list[list[ProvedArc]]:
         """The parts of each of the arcs, in their order, with what is proved of them."""
-        s = self.means.data.mesh.s
-        first_edge, last_edge = arcs.find_intervals(s)
-        first_cell, last_cell = arcs.find_intervals(self.partition.points)
         # where lambda_H is positive u_h is near g: there no gap can be proved, and else no contact
-        n_positive = np.append(0, np.cumsum(self.lambda_H > 0))
-        n_in_contact = n_positive[last_cell] - n_positive[first_cell]
-        touches = n_in_contact > 0
+        meets_contact, lies_in_contact = self.find_discrete_contact(arcs)
+        touches = meets_contact.copy()
         touches[touches] = self.bound_tents(arcs.select(touches)) > 0
-        is_free = (n_in_contact == 0) & (last_edge - first_edge <= MAX_EDGES_PER_ARC)
+        is_free = ~meets_contact & (self.count_edges(arcs) <= MAX_EDGES_PER_ARC)
         is_free[is_free] = self.means.bound_gaps(arcs.select(is_free)) > 0
-        verdicts = np.where(is_free, Verdict.FREE, np.where(touches, Verdict.TOUCHES, Verdict.UNDECIDED))
-        parts = [
-            [(start, end, Verdict(verdict))]
-            for start, end, verdict in zip(
-                arcs.start.tolist(), arcs.end.tolist(), verdicts.tolist(), strict=True
-            )
-        ]
+        parts = _list_undivided(arcs, is_free, touches)
 
-        # the halves of arcs that are not decided and longer than an edge, and what is proved of these
-        edges = np.column_stack([first_edge, last_edge]).ravel()
-        shortest = np.minimum.reduceat(np.append(np.diff(s), np.inf), edges)[::2]
-        is_short = arcs.end - arcs.start <= (1 + LENGTH_ROUNDING) * shortest
-        is_all_in_contact = n_in_contact == last_cell - first_cell
-        halved = np.flatnonzero(~is_free & ~is_short & (touches | ~is_all_in_contact))
+        # the halves of the arcs that are not decided and longer than an edge, and what is proved of these
+        is_open = ~is_free & (touches | ~lies_in_contact)
+        halved = np.flatnonzero(is_open & self.exceed_edges(arcs))
         half_parts = self.decide(arcs.select(halved).halve()) if halved.size else []
         for i, first, second in zip(halved, half_parts[::2], half_parts[1::2], strict=True):
-            parts[i] = _join_equal([*first, *second])
-            open_parts = [k for k, part in enumerate(parts[i]) if part[2] is not Verdict.FREE]
-            # there is contact in the arc, so in its only part that is not free
-            if touches[i] and len(open_parts) == 1:
-                start, end, _ = parts[i][open_parts[0]]
-                parts[i][open_parts[0]] = (start, end, Verdict.TOUCHES)
+            parts[i] = _join_halves([*first, *second], arc_touches=bool(touches[i]))
         return parts
 
+    def find_discrete_contact(self, arcs: Arcs) -> tuple[Mask, Mask]:
+        """Which arcs meet a cell with lambda_H > 0, and which meet no other cells, (k,) each."""
+        first, end = arcs.find_intervals(self.partition.points)
+        n_positive = np.append(0, np.cumsum(self.lambda_H > 0))
+        n_in_contact = n_positive[end] - n_positive[first]
+        return n_in_contact > 0, n_in_contact == end - first
+
+    def count_edges(self, arcs: Arcs) -> Index:
+        """The number of boundary edges that each arc meets, (k,)."""
+        first, end = arcs.find_intervals(self.means.data.mesh.s)
+        return end - first
+
+    def exceed_edges(self, arcs: Arcs) -> Mask:
+        """Which arcs are longer than the shortest of the boundary edges that they meet, (k,)."""
+        s = self.means.data.mesh.s
+        edges = np.column_stack(arcs.find_intervals(s)).ravel()
+        shortest = np.minimum.reduceat(np.append(np.diff(s), np.inf), edges)[::2]
+        return arcs.end - arcs.start > (1 + LENGTH_ROUNDING) * shortest
+
     def bound_tents(self, arcs: Arcs) -> Array:
-        """Lower bounds on <lambda, w> for the tents w on the arcs, 1 in the middle, (k,)."""
+        """Lower bounds on <lambda, w> for the tents w on the arcs, 1 in the middle, (k,).
+
+        Where one is positive u = g somewhere in the arc (Proposition S20 (d)).
+        """
         polygon = self.partition.polygon
         form = self.means.form
         radius = np.minimum(arcs.half_length, arcs.clearance + arcs.half_length)
@@ -151,6 +155,26 @@ class ContactProof:
         # |w|_1^2 = pi / 2 and ||w||_0^2 = pi rho^2 / 12 in the half disc
         norm = np.sqrt(form.k * math.pi / 2 + form.c * math.pi / 12 * radius**2)
         return np.asarray(pairing - (1 + SQUARES_ROUNDING) * self.means.errors.multiplier * norm)
+
+
+def _list_undivided(arcs: Arcs, is_free: Mask, touches: Mask) -> list[list[ProvedArc]]:
+    """The one part of each arc, with the verdict on it, before any is halved."""
+    verdicts = np.where(is_free, Verdict.FREE, np.where(touches, Verdict.TOUCHES, Verdict.UNDECIDED))
+    return [
+        [(start, end, Verdict(verdict))]
+        for start, end, verdict in zip(arcs.start.tolist(), arcs.end.tolist(), verdicts.tolist(), strict=True)
+    ]
+
+
+def _join_halves(half_parts: list[ProvedArc], arc_touches: bool) -> list[ProvedArc]:
+    """The parts of an arc from those of its halves, in their order."""
+    parts = _join_equal(half_parts)
+    open_places = [k for k, (_, _, verdict) in enumerate(parts) if verdict is not Verdict.FREE]
+    # u = g somewhere in the arc, so in its only part that is not free
+    if arc_touches and len(open_places) == 1:
+        start, end, _ = parts[open_places[0]]
+        parts[open_places[0]] = (start, end, Verdict.TOUCHES)
+    return parts
 
 
 def _join_equal(parts: list[ProvedArc]) -> list[ProvedArc]:

@@ -116,10 +116,6 @@ def build_constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
     x = np.clip((samples.s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
     p = samples.value + (rise[edge, :1] * (1 - x) + rise[edge, 1:] * x)
     slope = samples.slope + (np.diff(rise)[:, 0] / lengths)[edge][:, None]
-    # u_D at a node is p on the edge that begins there, if that is clamped, else on the one that ends there
-    clamped_values = np.zeros(mesh.n_nodes)
-    clamped_values[np.roll(mesh.boundary, -1)[clamped]] = samples.ends[clamped, 1]
-    clamped_values[mesh.boundary[clamped]] = samples.ends[clamped, 0]
     rounding = _p_rounding(mesh, edge, p, slope)
     return Constraint(
         mesh,
@@ -136,11 +132,20 @@ def build_constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
         remainder=samples.remainder + 2 * rounding[edge] + rise.max(axis=1)[edge],
         g_upper=samples.upper,
         clamped_edges=clamped,
-        clamped_values=clamped_values,
+        clamped_values=_collect_clamped_values(mesh, clamped, samples.ends),
         slope_remainder=_bound_slope_remainder(
             samples, lengths, p_change=np.where(clamped, rounding + rise.max(axis=1), 0.0)
         ),
     )
+
+
+def _collect_clamped_values(mesh: Mesh, clamped: Mask, edge_values: Array) -> Array:
+    """u_D at the nodes of the `clamped` edges, 0 at others, (n,); p has `edge_values` at the edges' ends."""
+    # u_D at a node is p on the edge that begins there, if that is clamped, else on the one that ends there
+    clamped_values = np.zeros(mesh.n_nodes)
+    clamped_values[np.roll(mesh.boundary, -1)[clamped]] = edge_values[clamped, 1]
+    clamped_values[mesh.boundary[clamped]] = edge_values[clamped, 0]
+    return clamped_values
 
 
 def _join_at_vertices(

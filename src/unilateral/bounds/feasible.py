@@ -145,13 +145,11 @@ def bound_shortfall(
 
 def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
     """The t (nb,) for which v + 4 t x (1 - x) > p on each edge, as far as the points of the rule show it."""
-    raises = np.zeros(len(constraint.unknowns))
     bubble = 4 * constraint.x * (1 - constraint.x)
     lacking = constraint.p - constraint.trace_and_slope(v)[0]
     # at an edge's ends the bubble is 0, and v is at least p already
     ratio = np.where(bubble > 0, lacking / np.where(bubble > 0, bubble, 1.0), 0.0)
-    np.maximum.at(raises, constraint.edge, np.max(ratio, axis=1))
-    return MIDPOINT_OVERSHOOT * raises
+    return MIDPOINT_OVERSHOOT * _largest_per_edge(constraint, np.max(ratio, axis=1))
 
 
 def _edge_shortfalls(
@@ -180,9 +178,14 @@ def _edge_shortfalls(
     complementarity = constraint.edge_integrals(np.where(q_n > 0, gap, 0.0) * q_n)
     # v + w >= g up to the remainder, which is needed where v is not above g as it is
     is_needed = any_sign | ((high + remainder > 0) & ~(bernstein_bounds(value)[0] >= constraint.g_upper))
-    edge_remainder = np.zeros(len(constraint.unknowns))
-    np.maximum.at(edge_remainder, constraint.edge, np.where(is_needed, remainder, 0.0))
-    return squares, complementarity, edge_remainder
+    return squares, complementarity, _largest_per_edge(constraint, np.where(is_needed, remainder, 0.0))
+
+
+def _largest_per_edge(constraint: Constraint, values: Array) -> Array:
+    """The largest of 0 and the `values` (K,) on the intervals of each edge, (nb,)."""
+    largest = np.zeros(len(constraint.unknowns))
+    np.maximum.at(largest, constraint.edge, values)
+    return largest
 
 
 def _extension_squares(

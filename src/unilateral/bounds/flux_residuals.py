@@ -55,18 +55,22 @@ def misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Arr
     for at x_i the edge e_k begins and e_j ends, and q.n on these two is known from the inflows there.
     """
     first, last = inflows
+    e_x, e_y = _edge_vectors(mesh, node)
     field = np.empty((2, *u.shape), dtype=u.dtype)
-    points = mesh.points.ravel()
-    x = points.take(2 * node)
-    y = points.take(2 * node + 1)
-    e_x = [x[k] - x[j] for _, j, k in CYCLIC_CORNERS]
-    e_y = [y[k] - y[j] for _, j, k in CYCLIC_CORNERS]
     for values, e, sign, turned in ((field[0], e_x, -1, e_y), (field[1], e_y, 1, e_x)):
         slope = sign * (u[0] * turned[0] + u[1] * turned[1] + u[2] * turned[2])
         for i, j, k in CYCLIC_CORNERS:
             np.add(slope, e[j] * first[k] - e[k] * last[j], out=values[i])
     field *= 0.5 / area
     return field
+
+
+def _edge_vectors(mesh: Mesh, node: Index) -> tuple[list[Array], list[Array]]:
+    """x and y of the edges opposite to each of the nodes (3, m) of triangles, anticlockwise; (m,) each."""
+    points = mesh.points.ravel()
+    x = points.take(2 * node)
+    y = points.take(2 * node + 1)
+    return [x[k] - x[j] for _, j, k in CYCLIC_CORNERS], [y[k] - y[j] for _, j, k in CYCLIC_CORNERS]
 
 
 def residual_parts(
@@ -196,22 +200,31 @@ def bound_by_parts(
     # eps |q| is in `misfit_allowance`, which therefore counts twice
     allowance = 2 * misfit_allowance + mesh.distortion[triangles] * _max_rows(np.hypot(misfit[0], misfit[1]))
     corners = mesh.points[mesh.triangles[triangles]].transpose(2, 1, 0)
-    area = mesh.areas[triangles]
-    a = np.empty((3, len(triangles)))
-    for i, j, k in CYCLIC_CORNERS:
-        x, y = corners[:, k] - corners[:, j]
-        length = np.hypot(x, y)
-        # a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e, whose integrand is the square of a linear function
-        start = (misfit[0, j] * y - misfit[1, j] * x) / length
-        end = (misfit[0, k] * y - misfit[1, k] * x) / length
-        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * allowance
-        a[i] = np.sqrt(length / area) * norm
-    # x_0, R and s' of the module's docstring
+    # a_e, x_0, R and s' of the module's docstring
+    a = _scale_normal_misfits(corners, misfit, allowance, mesh.areas[triangles])
     total = _sum_rows(a)
     x_0 = (a * corners).sum(axis=1) / total
     R = _max_rows(np.hypot(*(corners - x_0[:, None])))
     constant = np.sqrt((1 + np.sqrt(1 + R**2 * (form.c / form.k))) / (2 * form.c))
     return np.asarray(source_norm / math.sqrt(form.c) + constant * total)
+
+
+def _scale_normal_misfits(corners: Array, misfit: Array, allowance: Array, area: Array) -> Array:
+    """a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e for the edges e opposite to the nodes, (3, m).
+
+    The triangles have the `corners` (2, 3, m), and k grad v - q these values (2, 3, m) at them, up to the
+    `allowance` (m,).
+    """
+    a = np.empty((3, len(area)))
+    for i, j, k in CYCLIC_CORNERS:
+        x, y = corners[:, k] - corners[:, j]
+        length = np.hypot(x, y)
+        # the integrand is the square of a linear function
+        start = (misfit[0, j] * y - misfit[1, j] * x) / length
+        end = (misfit[0, k] * y - misfit[1, k] * x) / length
+        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * allowance
+        a[i] = np.sqrt(length / area) * norm
+    return a
 
 
 def rounding_allowances(

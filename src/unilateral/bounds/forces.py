@@ -118,14 +118,20 @@ def bound_forces(
                 mesh, partition, lambda_H, error_bound, chosen_sides, reactions
             )
     lower[~signed] = np.maximum(lower[~signed], 0.0)
+    forces = list(map(Force, values, lower.tolist(), upper.tolist()))
     # the sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
     if reactions.total_force and reactions.total_force[1] < math.inf:
         n_not_free = mesh.polygon.n_sides - len(reactions.form.free)
         for k in np.flatnonzero([len(side_set) == n_not_free for side_set in sides]).tolist():
-            lower[k] = max(lower[k], reactions.total_force[0])
-            upper[k] = min(upper[k], reactions.total_force[1])
-            values[k] = float(0.5 * (lower[k] + upper[k]))
-    return list(map(Force, values, lower.tolist(), upper.tolist()))
+            forces[k] = _narrow_force(forces[k], *reactions.total_force)
+    return forces
+
+
+def _narrow_force(force: Force, lower: float, upper: float) -> Force:
+    """The force between further bounds on it, in the middle of its interval."""
+    lower = max(force.lower, lower)
+    upper = min(force.upper, upper)
+    return Force(0.5 * (lower + upper), lower, upper)
 
 
 def enclose_total_force(source: Source, flux: GivenFlux) -> tuple[float, float]:

@@ -124,21 +124,28 @@ def local_bound(
 
     # S of u_h and of the feasible v = u_h + y (Lemma S18), and Theorem 8 (Proposition S14)
     u_residual, v_residual, S_shares = _bound_residuals(data, u_h, q, lifting.layer, y, form)
-    distance = sigma.multiplier_distance(mesh, form)
     errors = bound_total_errors(
-        mesh.exact_mesh_factor, u_residual, v_residual, D=D, D_clamped=D, sigma_distance=distance
+        mesh.exact_mesh_factor,
+        u_residual,
+        v_residual,
+        D=D,
+        D_clamped=D,
+        sigma_distance=sigma.multiplier_distance(mesh, form),
     )
-
-    # v = u_h + y at the ends and the midpoints of the boundary edges
-    start = u_h[mesh.boundary] + y.nodal
-    end = np.roll(start, -1)
-    v_lower = quadratic_lower_bounds(start, end, 0.5 * (start + end) + y.bubbles)
+    v_lower = _bound_lifted_trace(u_h[mesh.boundary], y)
     return replace(
         collect_bounds(data, form, errors, D, y.remainder_norm, outflows(mesh, form, q)),
         shares=_add_lift_shares(S_shares, lifting.layer, y_squares, y, tau, form),
         lift=np.stack([y.nodal, y.bubbles]),
         clamped_ends=find_clamped_ends(mesh, form, lifting, v_lower, sigma, errors.gamma_force_bound),
     )
+
+
+def _bound_lifted_trace(trace: Array, y: Lift) -> Array:
+    """Lower bounds on v = u_h + y over the boundary edges, (nb,), from u_h at the boundary nodes."""
+    start = trace + y.nodal
+    end = np.roll(start, -1)
+    return quadratic_lower_bounds(start, end, middle=0.5 * (start + end) + y.bubbles)
 
 
 def _bound_residuals(

@@ -169,7 +169,8 @@ class HalfDiscs:
         mean = level + moment + self.add_up(area * _product_means(self.omega, v))
         # for a point s at most half the length away the integral changes with the slope along the side
         change = self.arcs.half_length * self.find_largest(np.abs(self.slopes[0] - slope_x))
-        lost = change + self._interpolation_losses(np.abs(v).max(axis=0), np.abs(level))
+        size = np.abs(v).max(axis=0)
+        lost = change + (self._interpolation_losses(size) + self._rounding_losses(size, np.abs(level)))
         return mean - self.mesh.exact_mesh_factor * lost, slope[0]
 
     @cached_property
@@ -183,29 +184,47 @@ class HalfDiscs:
         t = (self.place[0] ** 2 + self.place[1] ** 2) / (self.radius**2)[self.disc]
         return np.asarray(self.peak[self.disc] * np.maximum(1 - t, 0) ** 2)
 
-    def _interpolation_losses(self, size: Array, level: Array) -> Array:
-        """Bounds (d,) on what means lack by interpolation and rounding, |v| <= `size` (t,), `level` (d,)."""
-        mesh = self.mesh
-        radius = self.radius[self.disc]
-        centroid = self.place.mean(axis=1)
-        distance = np.hypot(centroid[0], centroid[1])
-        circle = mesh.enclosing_circles[1][self.triangle]
+    @cached_property
+    def centroid(self) -> Array:
+        """The centroids of the triangles in the axes of `place`, (2, t)."""
+        return np.asarray(self.place.mean(axis=1))
+
+    @cached_property
+    def distance(self) -> Array:
+        """The distances of the centroids from the midpoint of the arc, (t,)."""
+        return np.asarray(np.hypot(self.centroid[0], self.centroid[1]))
+
+    @cached_property
+    def circle(self) -> Array:
+        """The radii of the circles about the centroids that contain the triangles, (t,)."""
+        return np.asarray(self.mesh.enclosing_circles[1][self.triangle])
+
+    def _bound_integrals(self, size: Array) -> Array:
+        """Bounds (t,) on the integrals of |v| <= `size` (t,), 0 on triangles beside the half disc."""
+        meets_disc = self.distance <= self.circle + self.radius[self.disc]
+        return np.where(meets_disc, self.mesh.areas[self.triangle] * size, 0.0)
+
+    def _interpolation_losses(self, size: Array) -> Array:
+        """Bounds (d,) on |int (omega - I omega) v|, I omega linear on triangles, for |v| <= `size` (t,)."""
         # |D^2 omega| <= 4 max(1, 3 t - 1) peak / rho^2, and the mean of the error on a triangle is at most
-        # that times an eighth of the squared distances of the nodes from the centroid (Proposition S20)
-        t = np.minimum((distance + circle) / radius, 1.0) ** 2
+        # that times an eighth of the squared distances of the nodes from the centroid (Proposition S20 (c))
+        t = np.minimum((self.distance + self.circle) / self.radius[self.disc], 1.0) ** 2
         curvature = 4 * np.maximum(1, 3 * t - 1) * (self.peak / self.radius**2)[self.disc]
-        spread = np.sum((self.place - centroid[:, None]) ** 2, axis=(0, 1)) / 8
-        area = mesh.areas[self.triangle]
-        weighted = np.where(distance <= circle + radius, area * size, 0.0)
+        spread = np.sum((self.place - self.centroid[:, None]) ** 2, axis=(0, 1)) / 8
+        return self.add_up(self._bound_integrals(size) * (curvature * spread))
+
+    def _rounding_losses(self, size: Array, level: Array) -> Array:
+        """Bounds (d,) on what rounding and the exact mesh do to means, |v| <= `size` (t,), `level` (d,)."""
+        mesh = self.mesh
         # areas, gradients and nodes of the exact mesh are others; |grad omega| < 2 peak / rho
         distortion = 3 * self.find_largest(mesh.distortion[self.triangle]) + SQUARES_ROUNDING
         shifts = mesh.node_shifts[mesh.triangles[self.triangle]].max(axis=1)
         place_rounding = self.find_largest(shifts) + 8 * EPS * mesh.polygon.largest
         gradient = self.find_largest(np.hypot(self.slopes[0], self.slopes[1]))
-        mass = self.add_up(area * self.omega.mean(axis=0) * size)
+        mass = self.add_up(mesh.areas[self.triangle] * self.omega.mean(axis=0) * size)
         rounding = distortion * (mass + level + self.arcs.half_length * gradient)
-        rounding += place_rounding * (gradient + 2 * self.peak / self.radius * self.add_up(weighted))
-        return self.add_up(weighted * (curvature * spread)) + rounding
+        omega_change = 2 * self.peak / self.radius * self.add_up(self._bound_integrals(size))
+        return np.asarray(rounding + place_rounding * (gradient + omega_change))
 
 
 def select_along(mesh: Mesh, side: Arcs, max_edges: int) -> Index:

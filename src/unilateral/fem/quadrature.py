@@ -173,26 +173,25 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     If no `degree` is given it is TRIANGLE_DEGREE, or FINE_MESH_DEGREE on whole triangles of a fine mesh.
     """
     corners, parent, singular = split_triangles(mesh, case)
+    whole_degree = degree or (FINE_MESH_DEGREE if _is_fine(mesh, case) else TRIANGLE_DEGREE)
+    piece_degree = degree or TRIANGLE_DEGREE
+    # whole triangles; then pieces at kinks; then pieces with a singular point as their first corner
     is_whole = np.ones(len(mesh.triangles), dtype=bool)
     is_whole[np.concatenate([parent, *[group.pieces.parent for group in singular]])] = False
     whole_triangles = np.flatnonzero(is_whole)
-    # on so fine a mesh the lower degree leaves less than 2e-11; a kink that has a radius is a cutoff's
-    radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
-    is_fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
-    whole_degree = degree or (FINE_MESH_DEGREE if is_fine else TRIANGLE_DEGREE)
-    piece_degree = degree or TRIANGLE_DEGREE
-    # whole triangles; then pieces at kinks; then pieces with a singular point as their first corner
-    points, weights = symmetric_rule(whole_degree)
     for block in row_blocks(len(whole_triangles)):
-        triangles = whole_triangles[block]
-        barycentric = np.broadcast_to(points, (len(triangles), *points.shape))
-        x, y = corner_coordinates(mesh.points, mesh.triangles[triangles])
-        places = np.stack([(points @ x).T, (points @ y).T], axis=-1).reshape(-1, 2)
-        yield TriangleRule(triangles, barycentric, np.outer(mesh.areas[triangles], weights), places)
+        yield _place_whole_rule(mesh, whole_triangles[block], *symmetric_rule(whole_degree))
     for block in row_blocks(len(parent)):
         yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
     for group in singular:
         yield _place_singular_rule(mesh, group, piece_degree)
+
+
+def _is_fine(mesh: Mesh, case: ExactSolution) -> bool:
+    """Whether FINE_MESH_DEGREE does on whole triangles: it then leaves less than 2e-11."""
+    # a kink that has a radius is a cutoff's
+    radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
+    return bool(mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii]))
 
 
 @cache
@@ -220,6 +219,14 @@ def duffy_rule(n_points: int, grading: int = 1) -> tuple[Array, Array]:
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
     points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
     return points.reshape(-1, 3), weight.ravel()
+
+
+def _place_whole_rule(mesh: Mesh, triangles: Index, points: Array, weights: Array) -> TriangleRule:
+    """The rule on whole triangles (k,), whose points in the plane are faster to find than those of pieces."""
+    barycentric = np.broadcast_to(points, (len(triangles), *points.shape))
+    x, y = corner_coordinates(mesh.points, mesh.triangles[triangles])
+    places = np.stack([(points @ x).T, (points @ y).T], axis=-1).reshape(-1, 2)
+    return TriangleRule(triangles, barycentric, np.outer(mesh.areas[triangles], weights), places)
 
 
 def _place_rule(mesh: Mesh, corners: Array, parent: Index, points: Array, weights: Array) -> TriangleRule:

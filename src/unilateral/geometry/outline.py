@@ -69,19 +69,10 @@ def find_outline(
     # Where places may be off by round-off in another program, and by that and by rounded digits
     arithmetic_errors = np.full(len(line), coordinate_rounding.arithmetic_error(places))
     point_errors = arithmetic_errors + coordinate_rounding.rounding_errors_of_points(places)
-    rounding_turns = largest_turns(places, point_errors)
-    # Nodes that turn by round-off alone
-    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
-    if coordinate_rounding.has_typed_digits(places):
-        half_units = 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
-        digit_turns = largest_turns(places, arithmetic_errors + half_units)
-        corners, rounded, unclear = _classify_typed(turns, straight, rounding_turns, digit_turns)
-    else:
-        corners, rounded, unclear = _classify_computed(turns, straight, rounding_turns)
+    corners, rounded, unclear = _classify_turns(places, turns, arithmetic_errors, point_errors)
+    # A side ends where the names change, whatever the turn is
     has_names = _find_named_edges(line, named_edges)
-    ends = np.zeros_like(corners)
-    for mask in has_names.values():
-        ends |= mask != np.roll(mask, 1)
+    ends = _find_name_changes(has_names, len(line))
     corners |= ends
     rounded &= ~ends
     unclear &= ~ends
@@ -101,6 +92,29 @@ def find_outline(
     max_rounding_turn = float(np.abs(turns[rounded]).max(initial=0.0))
     side_names = {name: np.flatnonzero(mask[corners]) for name, mask in has_names.items()}
     return Outline(Polygon(places[corners], Path(where).stem, side_names), line[rounded], max_rounding_turn)
+
+
+def _find_name_changes(has_names: Mapping[str, Mask], n: int) -> Mask:
+    """The nodes of a closed line, (n,), at which edges with a name begin or end, from the edges' masks."""
+    changes = np.zeros(n, dtype=bool)
+    for mask in has_names.values():
+        changes |= mask != np.roll(mask, 1)
+    return changes
+
+
+def _classify_turns(places: Array, turns: Array, arithmetic_errors: Array, point_errors: Array) -> TurnKinds:
+    """The kinds of the turns (n,) of a closed line through places (n, 2).
+
+    Places are off by up to `point_errors` (n,), and by up to `arithmetic_errors` (n,) by round-off alone.
+    """
+    rounding_turns = largest_turns(places, point_errors)
+    # Nodes that turn by round-off alone
+    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
+    if not coordinate_rounding.has_typed_digits(places):
+        return _classify_computed(turns, straight, rounding_turns)
+    half_units = 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
+    digit_turns = largest_turns(places, arithmetic_errors + half_units)
+    return _classify_typed(turns, straight, rounding_turns, digit_turns)
 
 
 def _find_named_edges(line: Index, named_edges: Mapping[str, Index]) -> dict[str, Mask]:

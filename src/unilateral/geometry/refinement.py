@@ -201,14 +201,11 @@ def _cut_triangles(triangulation: Triangulation, midpoints: Int32, n_edges: int)
         np.empty((e, 2), np.int32),
     )
     row = 0
-    for kind, interior_ends in enumerate(INTERIOR_EDGES):
+    for kind in range(len(INTERIOR_EDGES)):
         family = np.flatnonzero(kinds == kind)
         nodes, edges = _local_numbering(triangulation, parents[family], midpoints)
-        for i, (start, end) in enumerate(interior_ends):
-            inside = first_interior[family] + np.int32(i)
-            new.interior_edges[inside, 0] = nodes[start]
-            new.interior_edges[inside, 1] = nodes[end]
-            edges.append(n_edges + inside)
+        inside = _add_interior_edges(new, kind, first_interior[family], nodes)
+        edges += [n_edges + places for places in inside]
         row = _add_children(new, row, kind, parents[family], nodes, edges)
     # Children without a number, all but the first of each parent, get the next free ones
     new.triangles[new.triangles < 0] = len(triangulation.nodes) + np.arange(e)
@@ -227,6 +224,19 @@ def _find_cut_triangles(triangulation: Triangulation, midpoints: Int32) -> tuple
     ca_halved = midpoints[triangulation.edges[parents, 1]] >= 0
     ab_halved = midpoints[triangulation.edges[parents, 2]] >= 0
     return parents, ab_halved + np.int16(2) * ca_halved
+
+
+def _add_interior_edges(new: NewTriangles, kind: int, first: Int32, nodes: list[Int32]) -> list[Int32]:
+    """Writes the edges inside all parents (p,) of one kind into `new`, and returns their rows, (p,) each.
+
+    Those of a parent stand from the row `first` (p,) on. `nodes`, (p,) each, are numbered as in
+    INTERIOR_EDGES.
+    """
+    rows = [first + np.int32(i) for i in range(len(INTERIOR_EDGES[kind]))]
+    for row, (start, end) in zip(rows, INTERIOR_EDGES[kind], strict=True):
+        new.interior_edges[row, 0] = nodes[start]
+        new.interior_edges[row, 1] = nodes[end]
+    return rows
 
 
 def _add_children(

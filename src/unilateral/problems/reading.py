@@ -89,11 +89,8 @@ def read_sides(
         by_side = arguments.expand_sides(field_data.items(), polygon, where)
         field_data = [by_side.get(side) for side in range(n)]
     if isinstance(field_data, Sequence) and not isinstance(field_data, str | bytes):
-        if len(field_data) != n:
-            fault = f"{len(field_data)} formulas for {n} sides"
-            raise InputError(f"{where}: {fault}; give one for all, or one per side")
         places = [f"{where}[{side}]" for side in range(n)]
-        data = [read_data(field, entry, place) for entry, place in zip(field_data, places, strict=True)]
+        data = _read_list(field, field_data, places, where)
         for side in range(n):
             kind = "clamped" if side in clamped else "used" if side in sides_with_data else "unused"
             _check_list_entry(field, field_data[side], polygon.label_side(side), kind, places[side])
@@ -107,6 +104,14 @@ def read_sides(
     for side in sorted(sides_with_data):
         fitted[side] = fit_to_side(field, data[side], side, ends[side], mesh, places[side])
     return fitted
+
+
+def _read_list(field: str, entries: Sequence[object], places: list[str], where: str) -> list[ReadData]:
+    """The data of each side, from a list with one entry per side; errors name the places of entries."""
+    if len(entries) != len(places):
+        fault = f"{len(entries)} formulas for {len(places)} sides"
+        raise InputError(f"{where}: {fault}; give one for all, or one per side")
+    return [read_data(field, entry, place) for entry, place in zip(entries, places, strict=True)]
 
 
 def read_data(field: str, data: object, where: str) -> ReadData:

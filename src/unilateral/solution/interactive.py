@@ -20,6 +20,9 @@ from unilateral.solution.plot_data import PlotData, collect_plot_data, describe_
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
+    from unilateral.bounds.forces import Force
+    from unilateral.geometry.polygon import Polygon
+    from unilateral.solution.forces import Forces
     from unilateral.solution.solution import Solution
 
 PAGE_CONTACT_COLOUR = "#d62728"
@@ -82,33 +85,36 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     """
     if not plot_data.accuracy_text:
         return ""
-    forces = solution.forces()
-    contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
+    contact = plot_data.contact
+    contact_sides = np.unique(contact.partition.side[~plot_data.no_contact]).tolist()
     listed_sides = contact_sides[:MAX_LISTED_FORCES]
-    polygon = solution.polygon
+    forces = _name_forces(solution.forces(), solution.polygon, listed_sides)
+    # texts by the headings of the columns; below the sides with contact the last columns are empty
+    columns = {
+        "": [escape(name) for name in forces],
+        "force": [
+            add_guarantee(format_interval(lower, upper, value), lower, upper)
+            for value, lower, upper in forces.values()
+        ],
+        "contact, guaranteed": [
+            describe_certain_arcs([arc for arc in contact.certain if arc.side == side])
+            for side in listed_sides
+        ],
+        "length of contact, computed": [
+            f"{contact.lengths[side]:.4g} of {solution.polygon.lengths[side]:.4g}" for side in listed_sides
+        ],
+    }
+    return _render_table(columns)
+
+
+def _name_forces(forces: Forces, polygon: Polygon, listed_sides: list[int]) -> dict[str, Force]:
+    """The forces on the listed sides, all reactions, and the sum of several of them, by their names."""
     rows = {f"force, side {polygon.label_side(side)}": forces.sides[side] for side in listed_sides}
     for row, reaction in forces.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(polygon.label_side, row))}"] = reaction
     if forces.total and len(rows) > 1:
         rows["sum of forces, reactions"] = forces.total
-    intervals = [
-        add_guarantee(format_interval(lower, upper, value), lower, upper)
-        for value, lower, upper in rows.values()
-    ]
-    lengths = plot_data.contact.lengths
-    contact_texts = [f"{lengths[side]:.4g} of {polygon.lengths[side]:.4g}" for side in listed_sides]
-    certain = {
-        side: describe_certain_arcs([arc for arc in plot_data.contact.certain if arc.side == side])
-        for side in listed_sides
-    }
-    # texts by the headings of the columns; below the sides with contact the last columns are empty
-    columns = {
-        "": [escape(name) for name in rows],
-        "force": intervals,
-        "contact, guaranteed": [*certain.values()],
-        "length of contact, computed": contact_texts,
-    }
-    return _render_table(columns)
+    return rows
 
 
 def _render_table(columns: dict[str, list[str]]) -> str:

@@ -16,6 +16,7 @@ from unilateral.solution.bounds import Bounds, name_energy_norm
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
+    from unilateral.solution.contact import Contact
     from unilateral.solution.solution import Solution
 
 MAX_NODES_FOR_BETA = 20_000
@@ -47,11 +48,9 @@ def make_solution_record(
     goal = search.best.goal if search else None
     mesh = solved.mesh
     partition = solved.partition
-    contact = solution.contact
     norm = goal.norm if goal else "h1"
     goal_names = ("accuracy", "norm", "absolute") + (("sides",) if norm == "force" else ())
     total_bounds = {"h1": bounds.u, "hm12": bounds.multiplier} if bounds else {}
-    bounds_or_nan = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= MAX_NODES_FOR_BETA else math.nan
     # ||lambda_H - its exact value||_-1/2,h, by Proposition 7; by (3.4) over beta it is one in H^(-1/2)
     algebraic = math.nan if solved.is_foreign else result.bound
@@ -81,27 +80,46 @@ def make_solution_record(
         "beta": beta,
         "hm12_algebraic_bound": algebraic / beta if beta > 0 else math.nan,
         "unique": solution.unique,
+        **_make_error_record(errors),
+        "bounds": ("sharp" if sharp else "cheap") if bounds else None,
+        **_make_bounds_record(bounds or Bounds(*(math.nan,) * 3)),
+        "total_bound": search.best.total if search and norm == "force" else total_bounds.get(norm, math.nan),
+        "levels": [make_level_record(level) for level in search.levels] if search else [],
+        "contact": _make_contact_record(solution.contact, has_bounds=bounds is not None),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
+    }
+
+
+def _make_error_record(errors: Errors | None) -> dict[str, float]:
+    """The true errors, NaN where the exact solution is not known."""
+    return {
         "h1_error": errors.h1 if errors else math.nan,
         "hm12_error_lower": errors.hm12_lower if errors else math.nan,
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
-        "bounds": ("sharp" if sharp else "cheap") if bounds else None,
-        "h1_bound": bounds_or_nan.u,
-        "hm12_bound": bounds_or_nan.multiplier,
-        "h1_relative_bound": bounds_or_nan.relative_u,
-        "hm12_relative_bound": bounds_or_nan.relative_multiplier,
-        "enclosure": bounds_or_nan.unknown,
-        "total_bound": search.best.total if search and norm == "force" else total_bounds.get(norm, math.nan),
-        "levels": [make_level_record(level) for level in search.levels] if search else [],
-        "contact": {
-            "full": contact.full,
-            "length": contact.length,
-            "lengths": contact.lengths.tolist(),
-            "intervals": [interval._asdict() for interval in contact.intervals],
-            "certain": [arc._asdict() for arc in contact.certain] if bounds else [],
-        },
-        "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
+    }
+
+
+def _make_bounds_record(bounds: Bounds) -> dict[str, float]:
+    """The guaranteed bounds, and how much of them comes from enclosing f, g and q."""
+    return {
+        "h1_bound": bounds.u,
+        "hm12_bound": bounds.multiplier,
+        "h1_relative_bound": bounds.relative_u,
+        "hm12_relative_bound": bounds.relative_multiplier,
+        "enclosure": bounds.unknown,
+    }
+
+
+def _make_contact_record(contact: Contact, has_bounds: bool) -> dict[str, Any]:
+    """The computed contact set, and the certain arcs if there are bounds, from which these follow."""
+    return {
+        "full": contact.full,
+        "length": contact.length,
+        "lengths": contact.lengths.tolist(),
+        "intervals": [interval._asdict() for interval in contact.intervals],
+        "certain": [arc._asdict() for arc in contact.certain] if has_bounds else [],
     }
 
 

@@ -16,13 +16,15 @@ from known_solutions import fluxes
 from mpmath import mp, mpf
 from symbolic import X, Y, plain
 
-from unilateral.bounds import local_bounds, sharp_bounds
+from unilateral.bounds import local_bounds
+from unilateral.bounds.balanced_potential import balance_potential, build_energy
 from unilateral.bounds.boundary_flux import no_given_flux
 from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.equilibrated_flux import triangle_inflows
 from unilateral.bounds.flux_residuals import misfit, residual_parts
 from unilateral.bounds.forces import bound_forces
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.misfit_field import build_misfit_field
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclose_function
 from unilateral.discrete.problem_data import problem_form
@@ -278,9 +280,9 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source = enclose_function(mesh, problem.source)
     sigma = np.zeros((len(mesh.boundary), 2))
-    energy = sharp_bounds.build_energy(mesh, H1)
-    w, q = sharp_bounds.balance_potential(source, np.zeros(mesh.n_nodes), sigma, energy)
-    field = sharp_bounds._build_misfit_field(energy.spaces, source, w, q, H1)
+    energy = build_energy(mesh, H1)
+    w, q = balance_potential(source, np.zeros(mesh.n_nodes), sigma, energy)
+    field = build_misfit_field(energy.spaces, source, w, q, H1)
     phi = rng.uniform(-1, 1, field.spaces.size)
     curl = linear_square_norms(mesh.areas, field.spaces.gradient(phi))
     extra = field.add_curl(phi).misfit_allowance - field.misfit_allowance

@@ -13,13 +13,15 @@ from skfem.helpers import div, dot, grad
 from skfem.quadrature import get_quadrature_tri
 
 import unilateral as ul
-from unilateral.bounds import feasible, flux_residuals
+from unilateral.bounds import balanced_potential, feasible, flux_residuals, misfit_field
 from unilateral.bounds import sharp_bounds as bounds
+from unilateral.bounds.balanced_potential import balance_potential, build_energy
 from unilateral.bounds.boundary_flux import no_given_flux
 from unilateral.bounds.constraint import build_constraint
 from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.flux_residuals import bound_by_parts, misfit, residual_parts
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.misfit_field import MisfitField, build_misfit_field
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, linear_source
 from unilateral.fem import linear_systems
@@ -60,9 +62,9 @@ def flux_in(field, bary):
 
 def field_of(spaces, source, w, sigma, form):
     """The field of the flux with q.n = sigma (nb, 2) on the boundary, for w or what balances it."""
-    energy = bounds.build_energy(spaces.mesh, form)
-    w, q = bounds.balance_potential(source, w, sigma, energy)
-    return bounds._build_misfit_field(spaces, source, w, q, form)
+    energy = build_energy(spaces.mesh, form)
+    w, q = balance_potential(source, w, sigma, energy)
+    return build_misfit_field(spaces, source, w, q, form)
 
 
 def make_random_flux(problem, mesh, seed=0):
@@ -235,7 +237,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     field = field_of(spaces, source, u_h, flux.end_values, H1)
     lift = feasible.build_lifting(build_constraint(problem.enclose_gap(), mesh, H1), H1, u_h, flux)
     computed = []
-    energy = bounds.build_energy(mesh, H1)
+    energy = build_energy(mesh, H1)
     no_flux = np.zeros((len(mesh.boundary), 2))
     for maximum in (1, 50):
         monkeypatch.setattr(bounds, "MAX_DESCENT_STEPS", maximum)
@@ -304,7 +306,7 @@ def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
     computed = sharp_bound(*shifted)
     assert computed.eta == pytest.approx(exact.eta, rel=0.01)
     assert known_pair.h1_error <= computed.u + 0.1 * known_pair.h1_error
-    monkeypatch.setattr(bounds, "MAX_IMBALANCE_FRACTION", np.inf)
+    monkeypatch.setattr(balanced_potential, "MAX_IMBALANCE_FRACTION", np.inf)
     assert sharp_bound(*shifted).eta > 2 * exact.eta
 
 
@@ -347,11 +349,11 @@ def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
     data = given_to(problem, mesh, cells, u_h, zero)
     cheap = local_bound(*data)
     assert problem.error(mesh, u_h) <= sharp_bound(*data).u <= (1 + 1e-9) * cheap.u
-    original = bounds._build_misfit_field
+    original = bounds.build_misfit_field
 
     def keep_whole_misfit(spaces, source, *arguments):
         with monkeypatch.context() as small:
-            small.setattr(bounds, "THICK_TRIANGLE_LAYERS", math.inf)
+            small.setattr(misfit_field, "THICK_TRIANGLE_LAYERS", math.inf)
             field = original(spaces, source, *arguments)
         p = field.w[mesh.triangles] - source.f_h
         p -= p.mean(axis=1, keepdims=True)
@@ -359,7 +361,7 @@ def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
         theta = 1 + np.sum((field.rho - mean) * p, axis=1) / np.sum(p**2, axis=1)
         return replace(field, misfit_bubbles=field.misfit_bubbles / theta[:, None, None], rho=mean + 0 * p)
 
-    monkeypatch.setattr(bounds, "_build_misfit_field", keep_whole_misfit)
+    monkeypatch.setattr(bounds, "build_misfit_field", keep_whole_misfit)
     assert sharp_bound(*data).u > cheap.u
 
 
@@ -493,7 +495,7 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
     k = 2.0
     mesh = meshes.make_unstructured_mesh(square(), 0.2)
     cells = partitions.make_uniform_partition(square(), 0.5)
-    c = k * (bounds.THICK_TRIANGLE_LAYERS / np.median(mesh.longest_edges)) ** 2
+    c = k * (misfit_field.THICK_TRIANGLE_LAYERS / np.median(mesh.longest_edges)) ** 2
     form = Form(k, c)
     zero = np.zeros(cells.n_cells)
     values, noise = np.random.default_rng(11).standard_normal((2, mesh.n_nodes))
@@ -501,10 +503,10 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
     u_h = factorise_by_dissection(form_matrix(mesh, form)).solve(data.load) + noise
     fields = []
     residuals = []
-    components = bounds._MisfitField.residual_parts
+    components = MisfitField.residual_parts
     defect = bounds.bound_residual
     monkeypatch.setattr(
-        bounds._MisfitField,
+        MisfitField,
         "residual_parts",
         lambda field, *arguments: fields.append(field) or components(field, *arguments),
     )
@@ -520,8 +522,8 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
 
     # the flux before it was turned
     flux = bounds.build_normal_flux(mesh, cells, zero, u_h, form)
-    energy = bounds.build_energy(mesh, form)
-    w, q = bounds.balance_potential(data.source, u_h, flux.end_values + data.given_flux.end_values, energy)
+    energy = build_energy(mesh, form)
+    w, q = balance_potential(data.source, u_h, flux.end_values + data.given_flux.end_values, energy)
     slopes = gradients(mesh)
     w_flux = k * np.einsum("tid,ti->td", slopes, w[mesh.triangles])[:, None]
     u_flux = k * np.einsum("tid,ti->td", slopes, u_h[mesh.triangles])[:, None]

@@ -116,34 +116,39 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
     The latter is for ||.||_{-1/2,h} in (4.1), and for U and V of one function and its flux, where it is
     largest. `..._elsewhere` the first has the wrong sign of <lambda, v>, and the second lacks <mu, u>.
     """
-    boundary = spaces.mesh.boundary
     A = spaces.condensed.A
-    m = len(spaces.cells)
-
-    def form_terms(U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
-        """The terms (u, v)_1, <lambda, v> and <mu, u>, which A(U, V) has with the signs 1, -1 and 1."""
-        (u, lambda_) = U
-        (v, mu) = V
-        return np.array([u @ (A @ v), lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])
-
     on_diagonal = []
     for _ in range(N_DIRECTIONS):
-        U = (rng.standard_normal(len(spaces.mesh.points)), rng.standard_normal(m))
-        on_diagonal.append(form_terms(U, U) / (U[0] @ (A @ U[0])))
-    # With ||u||_1 = ||lambda||_{-1/2,h} = <lambda, u> = 1 the form is the matrix [[1, 1], [-1, 0]] of the
-    # coefficients of U and V, and M its norm: the first pair of singular vectors attains it
-    flux = np.full(m, 1 / math.sqrt(spaces.operator.D.sum()))
-    u_h = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
-    left_vectors, _, right_vectors = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
-    U = (left_vectors[:, 0][0] * u_h, left_vectors[:, 0][1] * flux)
-    V = (right_vectors[0][0] * u_h, right_vectors[0][1] * flux)
-    largest = form_terms(U, V)
+        U = (rng.standard_normal(len(spaces.mesh.points)), rng.standard_normal(len(spaces.cells)))
+        on_diagonal.append(_form_terms(spaces, U, U) / (U[0] @ (A @ U[0])))
+    largest = _largest_form_terms(spaces)
     return {
         "diagonal": _farthest_from_1(np.array(on_diagonal) @ [1, -1, 1]),
         "diagonal_elsewhere": _farthest_from_1(np.array(on_diagonal) @ [1, 1, 1]),
         "continuity": abs(float(largest @ [1, -1, 1])),
         "continuity_elsewhere": abs(float(largest @ [1, -1, 0])),
     }
+
+
+def _form_terms(spaces: MixedSpaces, U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
+    """The terms (u, v)_1, <lambda, v> and <mu, u>, which A(U, V) has with the signs 1, -1 and 1."""
+    boundary = spaces.mesh.boundary
+    (u, lambda_) = U
+    (v, mu) = V
+    u_v = u @ (spaces.condensed.A @ v)
+    return np.array([u_v, lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])
+
+
+def _largest_form_terms(spaces: MixedSpaces) -> Array:
+    """The terms of A(U, V) for U and V of the norm 1, of one function and its flux, where it is largest."""
+    flux = np.full(len(spaces.cells), 1 / math.sqrt(spaces.operator.D.sum()))
+    u_h = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
+    # With ||u||_1 = ||lambda||_{-1/2,h} = <lambda, u> = 1 the form is the matrix [[1, 1], [-1, 0]] of the
+    # coefficients of U and V, and its norm is attained by the first pair of singular vectors
+    left_vectors, _, right_vectors = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
+    U = (left_vectors[:, 0][0] * u_h, left_vectors[:, 0][1] * flux)
+    V = (right_vectors[0][0] * u_h, right_vectors[0][1] * flux)
+    return _form_terms(spaces, U, V)
 
 
 def _farthest_from_1(values: Array) -> float:

@@ -101,7 +101,13 @@ def assemble_nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Eleme
         """f v at the points of quadrature."""
         return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
 
-    facets = boundary_facets(skfem_mesh, mesh)
+    g, fixed = _place_obstacle(case, mesh, basis)
+    return NodalProblem(A.tocsr(), source_load.assemble(basis), g, fixed)
+
+
+def _place_obstacle(case: ExactSolution, mesh: Mesh, basis: skfem.Basis) -> tuple[Array, Mask]:
+    """The g (n,) of a `NodalProblem`, -inf inside, and which unknowns of the basis are clamped, (n,)."""
+    facets = boundary_facets(basis.mesh, mesh)
     clamped = np.isin(mesh.side, case.clamped_sides)
     g = np.full(basis.N, -np.inf)
     fixed = np.zeros(basis.N, dtype=bool)
@@ -112,7 +118,7 @@ def assemble_nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Eleme
         u, _, gap = case.trace_flux_and_gap(mesh.side, s)
         np.maximum.at(g, dofs, u - gap)
         fixed[dofs[clamped]] = True
-    return NodalProblem(A.tocsr(), source_load.assemble(basis), g, fixed)
+    return g, fixed
 
 
 def solve_nodal_problem(problem: NodalProblem, springs: Array | None = None) -> Array:

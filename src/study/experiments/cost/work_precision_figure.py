@@ -126,11 +126,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """
     data = style.read_figure_table(csv_path)
     by_kind = {kind: rows for kind, rows in data.groupby("kind")}
-    ratios = np.unique(by_kind["line"]["H_over_h"]).tolist()
-    marker_edge: style.Look = {"mec": "white", "mew": 0.3}
-    looks: dict[float, style.Look] = {
-        r: {**style.numbered_look(i), **THIN_LINE, **marker_edge} for i, r in enumerate(ratios)
-    }
+    looks = _choose_line_looks(by_kind["line"])
     with style.open_figure(svg_path, 14.8) as figure:
         for left_cm, (norm, title) in zip(PANEL_LEFTS_CM, style.NORM_TITLES.items(), strict=True):
             axes = style.add_axes(figure, left_cm, 9.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
@@ -146,6 +142,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         _draw_matrices(matrices, by_kind["step"])
         _draw_stops(stops, by_kind["stop"])
         _add_run_keys(figure, looks)
+
+
+def _choose_line_looks(lines: pd.DataFrame) -> dict[float, style.Look]:
+    """The look of the line of each H/h."""
+    marker_edge: style.Look = {"mec": "white", "mew": 0.3}
+    ratios = np.unique(lines["H_over_h"]).tolist()
+    return {ratio: {**style.numbered_look(i), **THIN_LINE, **marker_edge} for i, ratio in enumerate(ratios)}
 
 
 def _draw_errors_over_work(

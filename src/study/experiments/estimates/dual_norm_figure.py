@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from study import style, tables
@@ -76,13 +77,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     line_names = data["case"].where(data["kind"] == "error", data["kind"])
     lines = {str(line): rows.sort_values("H") for line, rows in data.groupby(line_names, sort=False)}
     cases = [line for line in lines if line not in FUNCTION_TITLES]
-    numbers = style.number_looks(
-        [*FUNCTION_TITLES, *cases]
-    )  # the functions take what the familiar cases leave
-    looks = {
-        line: {**style.numbered_look(numbers[line]), "ms": 4.6, "lw": 1.1}
-        for line in [*cases, *FUNCTION_TITLES]
-    }
+    looks = _choose_looks(cases)
     with style.open_figure(svg_path, 9.0) as figure:
         errors, gaps, norms = [
             style.add_axes(figure, left_cm, 2.9, 4.4, 5.2) for left_cm in (1.25, 7.05, 12.45)
@@ -94,9 +89,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
                 errors.vlines(rows["H"], rows["lower"], rows["upper"], color=look["color"], lw=3)
             gaps.plot(rows["H"], rows["gap"], **look)
             if line in (*FUNCTION_TITLES, *cases[:N_COMPARED_CASES]):
-                dashes: style.Look = {"marker": "", "ls": _shortcut_dashes(line)}
-                norms.plot(rows["H"], rows["mean"], **look)
-                norms.plot(rows["H"], rows["shortcut"], **(look | dashes))
+                _draw_norm_and_shortcut(norms, rows, look, _shortcut_dashes(line))
         ratios = ", ".join(map(style.format_fraction, sorted(data["h_over_H"].dropna().unique())))
         errors.set(title=style.NORM_TITLES["hm12"], xlabel=f"cell size $H$  ($h/H={ratios}$)")
         gaps.set(title="upper / lower bound $-$ 1", xlabel="cell size $H$")
@@ -106,6 +99,25 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         gaps.yaxis.set_major_formatter(lambda gap, _: f"{100 * gap:g} %")
         _add_norm_keys(figure, looks)
         style.add_note(figure, BOUNDS_NOTE)
+
+
+def _choose_looks(cases: list[str]) -> dict[str, style.Look]:
+    """The looks of the lines of the cases, and then of the functions."""
+    # the functions take what the familiar cases leave
+    numbers = style.number_looks([*FUNCTION_TITLES, *cases])
+    return {
+        line: {**style.numbered_look(numbers[line]), "ms": 4.6, "lw": 1.1}
+        for line in [*cases, *FUNCTION_TITLES]
+    }
+
+
+def _draw_norm_and_shortcut(
+    axes: Axes, rows: pd.DataFrame, look: style.Look, dashes: tuple[float, tuple[float, float]]
+) -> None:
+    """Draw ||.||_{-1/2} over H, and the shortcut for it dashed in the same colour."""
+    dashed: style.Look = {"marker": "", "ls": dashes}
+    axes.plot(rows["H"], rows["mean"], **look)
+    axes.plot(rows["H"], rows["shortcut"], **(look | dashed))
 
 
 def _add_norm_keys(figure: Figure, looks: Mapping[str, style.Look]) -> None:

@@ -12,6 +12,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.tri import Triangulation
 
 from study import style
+from unilateral.arrays import Array
 from unilateral.discrete.condensed import discretise, solve_condensed_problem
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.formula import parse_real
@@ -57,12 +58,16 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
         solution = solve_condensed_problem(discretise(problem, mesh, cells))
         frames += [rows.assign(of=role) for rows in _tabulate_boundary(domain, mesh, cells, solution)]
         if role == "computed":
-            corners = mesh.triangles.ravel()
-            x, y = mesh.points[corners].T
-            u_h = solution.u_h[corners]
-            field = pd.DataFrame({"kind": "mesh", "h": mesh.h, "H": cells.H, "x": x, "y": y, "value": u_h})
-            frames.append(field.assign(of=role))
+            frames.append(_tabulate_surface(mesh, cells, solution).assign(of=role))
     return pd.concat(frames)[COLUMNS]
+
+
+def _tabulate_surface(mesh: Mesh, cells: Partition, solution: DiscreteSolution) -> pd.DataFrame:
+    """The rows of the kind `mesh`."""
+    corners = mesh.triangles.ravel()
+    x, y = mesh.points[corners].T
+    u_h = solution.u_h[corners]
+    return pd.DataFrame({"kind": "mesh", "h": mesh.h, "H": cells.H, "x": x, "y": y, "value": u_h})
 
 
 def _tabulate_boundary(
@@ -115,14 +120,11 @@ def _draw_surface(figure: Figure, data: pd.DataFrame) -> None:
     """u_h above the mesh, its boundary values, the rim g = 0 and the contact set on it."""
     mesh = data[data["kind"] == "mesh"]
     contact = _contact_middles(data)
-    # The table has the corners of each triangle; the surface needs each node once
-    corners = mesh[["x", "y", "value"]].to_numpy()
-    nodes, number = np.unique(corners, axis=0, return_inverse=True)
-    triangles = Triangulation(nodes[:, 0], nodes[:, 1], number.reshape(-1, 3))
+    triangles, u_h = _join_corners(mesh)
     place = (0.0, 0.0, 9.1 / style.PAGE_WIDTH_CM, 1.0)
     axes: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
     look: style.Look = {"cmap": "cividis", "edgecolor": "black", "linewidth": 0.15, "clip_on": False}
-    surface = axes.plot_trisurf(triangles, nodes[:, 2], zorder=1, **look)
+    surface = axes.plot_trisurf(triangles, u_h, zorder=1, **look)
     rim = _select_nodes(data, "computed")
     axes.plot(rim["x"], rim["y"], 0 * rim["x"], zorder=2, clip_on=False, **RIM_LOOK)
     axes.plot(rim["x"], rim["y"], rim["value"], color="black", lw=0.8, zorder=2, clip_on=False)
@@ -137,6 +139,13 @@ def _draw_surface(figure: Figure, data: pd.DataFrame) -> None:
     figure.text(0.02, 0.92, title, fontsize=10.5)
     bar = figure.colorbar(surface, cax=style.add_axes(figure, 0.4, 3.45, 0.22, 2.2))
     style.simplify_colour_bar(bar)
+
+
+def _join_corners(mesh: pd.DataFrame) -> tuple[Triangulation, Array]:
+    """The triangulation, and u_h at its nodes, from a table with the three corners of each triangle."""
+    corners = mesh[["x", "y", "value"]].to_numpy()
+    nodes, number = np.unique(corners, axis=0, return_inverse=True)
+    return Triangulation(nodes[:, 0], nodes[:, 1], number.reshape(-1, 3)), nodes[:, 2]
 
 
 def _select_nodes(data: pd.DataFrame, solution: str) -> pd.DataFrame:

@@ -146,16 +146,27 @@ def _draw_rate_columns(
         key.plot([x - 0.62, x], [top - 1.02] * 2, color="black", lw=1.0, ls=_ratio_dashes(j))
     for place, (case, i) in enumerate(cases.items()):
         y = top - 1.35 - KEY_ROW_CM * place
-        case_rows = rows[rows["case"] == case]
         start = 0.1 if left_cm < 2 else left_cm
         key.plot([start, start + 0.5], [y, y], **_line_look(i))
         key.plot([start + 0.25], [y], ls="", **style.marker_look(i, True, ERROR_MARKER_POINTS))
-        observed = [case_rows.loc[case_rows["h_over_H"] == ratio, "rate"] for ratio in ratios]
+        case_rows = rows[rows["case"] == case]
         if case_rows["rate"].isna().all():
-            errors = case_rows["error"].dropna()
-            reason = "exact" if (errors == 0).all() else "no asymptotic level"
-            key.text(right, y, "error not computed" if errors.empty else reason, **text)
+            key.text(right, y, _explain_missing_rate(case_rows), **text)
             continue
+        observed = [case_rows.loc[case_rows["h_over_H"] == ratio, "rate"] for ratio in ratios]
         for x, column in zip([*places, right], [*observed, case_rows["expected"]], strict=True):
-            rates = column.dropna()
-            key.text(x, y, f"{rates.iloc[0]:.2f}" if len(rates) else DASH, **text)
+            key.text(x, y, _format_rate(column), **text)
+
+
+def _explain_missing_rate(case_rows: pd.DataFrame) -> str:
+    """Why a case has no rate: its errors are not computed, or 0, or none is on an asymptotic level."""
+    errors = case_rows["error"].dropna()
+    if errors.empty:
+        return "error not computed"
+    return "exact" if (errors == 0).all() else "no asymptotic level"
+
+
+def _format_rate(column: pd.Series) -> str:
+    """The first known rate of a column, or a dash."""
+    rates = column.dropna()
+    return f"{rates.iloc[0]:.2f}" if len(rates) else DASH
