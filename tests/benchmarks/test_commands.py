@@ -13,6 +13,7 @@ import pytest
 import sentences
 import yaml
 from conftest import ROOT
+from documents import blocks
 
 from benchmarks import commands, plan, problem
 from benchmarks import numbers as documented
@@ -171,18 +172,21 @@ def test_the_typed_bound_is_that_of_the_data_given_to_others(
 
 
 def test_a_problem_of_a_user_enters_by_its_file_and_its_polygon(tmp_path: Path) -> None:
-    """A rectangle of two unit squares: 16 by 8 squares have 17 * 9 nodes.
+    """As the page shows it, with a smaller size: 16 by 8 squares have 17 * 9 nodes.
 
     Control: a coefficient that the drivers do not know is refused.
     """
-    vertices = [[0, 0], [2, 0], [2, 1], [0, 1]]
+    (entries,) = [block.text for block in blocks("docs/which-solver.md") if block.kind == "yaml"]
+    entered = yaml.safe_load(entries)
+    pool = entered["problems"]["pool"]
     file = tmp_path / "pool.yaml"
-    fields = {"title": "a pool", "polygon": vertices, "f": "x - 2", "g": "-y/10"}
+    fields = {"title": "a pool", "polygon": pool["polygon"], "f": "x - 2", "g": "-y/10"}
     file.write_text(yaml.safe_dump(fields))
+    (beside,) = entered["commands"]["beside"]
+    beside |= {"solvers": ["bound", "skfem"], "sizes": [8], "repeats": 1}
     read_plan = yaml.safe_load(COMMITTED.read_text())
-    read_plan["problems"]["pool"] = {"case": str(file), "polygon": vertices, "shows": "a rectangle"}
-    beside = [{"solvers": ["bound", "skfem"], "problems": ["pool"], "sizes": [8], "repeats": 1}]
-    read_plan["commands"] |= {"typed": [], "beside": beside}
+    read_plan["problems"]["pool"] = {**pool, "case": str(file)}
+    read_plan["commands"] |= {"typed": [], "beside": [beside]}
     (tmp_path / "plan.yaml").write_text(yaml.safe_dump(read_plan))
     run_plan = plan.read(tmp_path / "plan.yaml")
     runner = ProcessRunner(run_plan, tmp_path)
