@@ -29,7 +29,7 @@ from benchmarks.plan import FOLDER, ROOT, Run
 from unilateral.errors import InputError
 from unilateral.system.files import replacing
 
-MEDIANS = ("cpu_seconds", "wall", "peak_mb", "bound_over_solve")
+MEDIANS = ("cpu_seconds", "wall", "peak_mb", "bound_over_solve", "certify_cpu")
 ANSWER_NUMBERS = ("relative_bound", "levels_over_last", "over_bound")
 OURS = "unilateral"
 MIN_PACE_SIZE = 256
@@ -66,20 +66,21 @@ class ProcessRunner(Runner):
         module = self.plan["solvers"][run.solver]["module"]
         arguments = [*typed, "--json"] if typed else [data, solution_file, run.order]
         output, resources = process(plan.command(plan.interpreter(self.plan, run.solver), module, *arguments))
-        return resources | (read_certified_answer(output) if typed else read_driver_report(output, run.n))
+        return resources | (read_certified_answer(output) if typed else read_bound_ratio(output))
 
     def judge_solution(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
-        """The bound on the error of a driver's u over that of this project's u, in each repeat.
+        """The guaranteed error of a driver's u, also over that of this project's u, in each repeat.
 
         Raises InputError beyond MAX_BOUND_RATIO.
         """
         if "typed" in run.order:
             return {}
         judged = super().judge_solution(run._replace(repeat=0), data, solution_file)
-        over_bound = max(judged["errors"]) / judged["reference"]
+        (certified,) = judged["certified"]
+        over_bound = certified["bound"] / judged["reference"]
         if over_bound > MAX_BOUND_RATIO:
-            raise InputError("its u is farther from this project's than the bound on that one's error")
-        return {"over_bound": over_bound}
+            raise InputError("the guaranteed error of its u is more than twice that of this project's u")
+        return {"unknowns": judged["unknowns"], "over_bound": over_bound, **certified}
 
 
 def process(command: list[str]) -> tuple[str, dict[str, float]]:
@@ -112,13 +113,12 @@ def read_certified_answer(output: str) -> dict[str, Any]:
     return {"unknowns": answer["unknowns"], "relative_bound": bound, "levels_over_last": over_last}
 
 
-def read_driver_report(output: str, n: int) -> dict[str, Any]:
-    """The unknowns, and the seconds of the bound over those of the solve, from a driver's output."""
+def read_bound_ratio(output: str) -> dict[str, float]:
+    """The seconds of the bound over those of the solve, from the output of a driver that bounds its error."""
     (first, *_) = json.loads(output.splitlines()[-1])["results"]
     phases = {name: cpu for name, (cpu, _) in first["phases"].items()}
     bound = phases.pop("bound", None)
-    ratio = {} if bound is None else {"bound_over_solve": bound / sum(phases.values())}
-    return {"unknowns": (n + 1) ** 2, **ratio}
+    return {} if bound is None else {"bound_over_solve": bound / sum(phases.values())}
 
 
 def rows(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:

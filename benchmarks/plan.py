@@ -100,14 +100,23 @@ def _list_driver_runs(plan: dict[str, Any], entry: dict[str, Any], sizes: Sequen
             for repeat in range(entry.get("repeats", REPEATS)):
                 for solver in entry["solvers"]:
                     order = {**order_of(plan, problem, n), "H_over_h": entry.get("H_over_h", CELLS)}
-                    yield Run(solver, problem, n, repeat, order | plan["solvers"][solver]["settings"])
+                    yield Run(solver, problem, n, repeat, order | _read_settings(plan, solver, problem))
+
+
+def _read_settings(plan: dict[str, Any], solver: str, problem: str) -> dict[str, Any]:
+    """What the driver of a solver is told, with the problem's `tolerance_factor` in its tolerance."""
+    settings = dict(plan["solvers"][solver]["settings"])
+    if "tolerance" in settings:
+        settings["tolerance"] *= plan["problems"][problem].get("tolerance_factor", 1)
+    return settings
 
 
 def order_of(plan: dict[str, Any], problem: str, n: int) -> dict[str, Any]:
     """The fields of an order from which the problem's data are made."""
     declared = plan["problems"][problem]
     where = {"case": declared["case"], "polygon": declared["polygon"], "flat": declared.get("flat", 1)}
-    return {**where, "problem": problem, "n": n, "judged": plan["judged"], "stop": plan["stop"]}
+    judge = {"judged": plan["judged"], "certify": declared.get("certify", False)}
+    return {**where, "problem": problem, "n": n, "stop": plan["stop"], **judge}
 
 
 def interpreter(plan: dict[str, Any], solver: str) -> str:

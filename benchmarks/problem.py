@@ -6,8 +6,8 @@ For the discrete solution w on cells of two edges, r_i = (u - w, phi_i)_1 and an
 
 The first term comes from `h1_distance`, by quadrature; the others are sums.
 
-The solution of a problem file is not known. There ||u - w||_1 has a guaranteed bound, and ||u - v||_1 at most
-that and ||w - v||_1.
+The solution of a problem file is not known. There `ul.certify` bounds ||u - v||_1, as it does where a problem
+has the field `certify`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -22,12 +23,13 @@ from typing import Any
 
 import numpy as np
 
+import unilateral as ul
 from benchmarks.peers.driver import match_nodes
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
 from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.discrete.problem_data import obstacle_means
+from unilateral.discrete.problem_data import obstacle_means, problem_form
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import assemble_by_edges
 from unilateral.fem.form import H1
@@ -37,7 +39,7 @@ from unilateral.fem.p1 import assemble_load_by_blocks, case_moments
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh, build_conforming_mesh, refine_triangles, refine_uniformly
 from unilateral.geometry.partition import Partition
-from unilateral.geometry.polygon import find_polygon
+from unilateral.geometry.polygon import Polygon, find_polygon
 from unilateral.geometry.structured import make_structured_mesh
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import h1_distance, multiplier_load
@@ -57,12 +59,20 @@ Order = Mapping[str, Any]
 
 def mesh_of(order: Order) -> Mesh:
     """The structured mesh of n squares in a unit, made by refinement."""
-    mesh = make_structured_mesh(find_polygon(order["polygon"]), 1 / order["n"])
+    mesh = make_structured_mesh(read_polygon(order), 1 / order["n"])
     return (
         mesh
         if order["flat"] == 1
         else refine_uniformly(flatten_mesh(mesh.coarse or mesh, order["flat"]), mesh.halvings)
     )
+
+
+def read_polygon(order: Order) -> Polygon:
+    """The polygon of that name, or with those vertices."""
+    name_or_vertices = order["polygon"]
+    if isinstance(name_or_vertices, str):
+        return find_polygon(name_or_vertices)
+    return Polygon(np.array(name_or_vertices, dtype=float), order["problem"])
 
 
 def flatten_mesh(mesh: Mesh, flat: float) -> Mesh:
@@ -84,7 +94,7 @@ def prepare(order: Order, path: Path) -> None:
     if problem_file.is_problem_file(order["case"]):
         _save(path, _solve_unknown_problem(problem_file.load_problem(order["case"]), order))
         return
-    case = cases.load_solution(order["case"], find_polygon(order["polygon"]))
+    case = cases.load_solution(order["case"], read_polygon(order))
     mesh = mesh_of(order)
     load = assemble_load_by_blocks(mesh, partial(case_moments, case))
     data: dict[str, Any] = {"load": load} | {
@@ -139,8 +149,13 @@ def _arrays(mesh: Mesh) -> dict[str, Any]:
 
 
 def _solve_unknown_problem(problem: Problem, order: Order) -> dict[str, Any]:
-    """The data of a problem file, as `prepare` has them; `error` is the guaranteed bound on that of w."""
+    """The data of a problem file, as `prepare` has them; `error` is the guaranteed bound on that of w.
+
+    Raises InputError for a problem that the drivers do not solve.
+    """
     mesh = mesh_of(order)
+    if problem_form(problem, mesh) != H1:
+        raise InputError(f"{order['case']}: the drivers know k = c = 1 and contact on all sides only")
     data = enclose_data(problem, mesh, H1)
     cells = {k: partition(mesh, k) for k in OTHER}
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
@@ -149,7 +164,7 @@ def _solve_unknown_problem(problem: Problem, order: Order) -> dict[str, Any]:
     obstacles = [as_formula(g) for g in problem.g]
     on_sides = np.stack(compile_numpy(obstacles, "xy")(*mesh.points[mesh.boundary].T))
     g = on_sides[mesh.side, np.arange(len(mesh.boundary))]
-    stored = {"load": data.load, "obstacle": g, "w": w.u, "error": bound.u}
+    stored = {"load": data.load, "obstacle": g, "error": bound.u}
     return {**_arrays(mesh), **stored, **{f"means_{k}": means[k] for k in OTHER}}
 
 
@@ -163,23 +178,54 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
 
 
 def judge(order: Order, data: Path, solutions: Path) -> dict[str, Any]:
-    """||u - v||_1 of each v that a driver has found, and of w; bounds on them where u is not known."""
+    """`errors`, ||u - v||_1 of each v that a driver has found, and `certified`, the guaranteed ones.
+
+    The former are there if u is known, the latter if it is not, or if the order says `certify`. The
+    `reference` is the error of w, and `unknowns` are nodes.
+    """
     stored = np.load(data)
     candidates = np.load(solutions)
     mesh = mesh_of(order)
-    A, *_ = assemble_by_edges(mesh.triangulation, mesh.points)
     numbers = match_nodes(stored["points"], candidates["points"])
-    squares = []
-    for k in range(len(candidates.files) - 1):
-        difference = stored["w"] - candidates[f"u_{k}"][numbers]
-        if "residual" not in stored:
-            # ||u - v||_1 <= bound on ||u - w||_1 + ||w - v||_1
-            squares.append((float(stored["error"]) + math.sqrt(difference @ (A @ difference))) ** 2)
-            continue
-        squares.append(
-            float(stored["error"] ** 2 + 2 * stored["residual"] @ difference + difference @ (A @ difference))
-        )
-    return {"reference": float(stored["error"]), "errors": [math.sqrt(max(square, 0)) for square in squares]}
+    vs = [candidates[f"u_{k}"][numbers] for k in range(len(candidates.files) - 1)]
+    judged: dict[str, Any] = {"unknowns": mesh.n_nodes, "reference": float(stored["error"])}
+    if "residual" in stored:
+        judged["errors"] = measure_errors(stored, mesh, vs)
+    if "residual" not in stored or order["certify"]:
+        problem = find_problem(order)
+        judged["certified"] = [certify(problem, mesh, v) for v in vs]
+    return judged
+
+
+def measure_errors(stored: Mapping[str, Any], mesh: Mesh, vs: list[Array]) -> list[float]:
+    """||u - v||_1 of each v (n,), by the formula above."""
+    A, *_ = assemble_by_edges(mesh.triangulation, mesh.points)
+    errors = []
+    for v in vs:
+        difference = stored["w"] - v
+        square = stored["error"] ** 2 + 2 * stored["residual"] @ difference + difference @ (A @ difference)
+        errors.append(math.sqrt(max(float(square), 0)))
+    return errors
+
+
+def find_problem(order: Order) -> Problem:
+    """The problem of a problem file or of a case, as a user has it."""
+    if problem_file.is_problem_file(order["case"]):
+        return problem_file.load_problem(order["case"])
+    return ul.case(order["case"], polygon=read_polygon(order))
+
+
+def certify(problem: Problem, mesh: Mesh, v: Array) -> dict[str, float]:
+    """The guaranteed bound on ||u - v||_1, also relative to u, and the processor seconds of `ul.certify`.
+
+    Both are infinite where it gives none.
+    """
+    start = time.process_time()
+    bounds = ul.certify(problem, mesh, v).bounds
+    seconds = time.process_time() - start
+    if bounds is None:
+        return {"bound": math.inf, "relative_bound": math.inf, "certify_cpu": seconds}
+    return {"bound": bounds.u, "relative_bound": bounds.relative_u, "certify_cpu": seconds}
 
 
 def main(task: str, order: str, *paths: str) -> None:

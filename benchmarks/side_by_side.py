@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -46,7 +47,7 @@ PROBLEMS = {
 
 
 def solvers(table: xr.Dataset) -> pd.DataFrame:
-    """The seconds from nothing for `natural`, as ratios to multigrid's, and the largest memory with its size.
+    """The seconds from nothing for `natural`, over multigrid's; memory and error on the largest mesh.
 
     A solver that was not there has no row.
     """
@@ -67,7 +68,13 @@ def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
     last = levels.index[levels.index <= SHOWN[-1]].max()
     size_note = "" if last == SHOWN[-1] else f" (at {format_value((last + 1) ** 2, 'space')})"
     row["peak memory"] = f"{format_value(float(levels['peak_mb'][last]), '.0f')} MB{size_note}"
+    row["guaranteed error of u"] = f"{format_bound(levels['relative_bound'][last])}{size_note}"
     return row
+
+
+def format_bound(relative_bound: float) -> str:
+    """A guaranteed error, rounded up, or that `ul.certify` gave none."""
+    return format_value(relative_bound, "up.2g%") if math.isfinite(relative_bound) else "none"
 
 
 def two_digits(value: float) -> str:
@@ -89,6 +96,7 @@ def phases(table: xr.Dataset) -> pd.DataFrame:
             }
             row["least to most"] = " to ".join(two_digits(run[f"cpu_{end}"]) for end in ("least", "most"))
             row |= {title: _count(run[column]) for column, title in COUNTS.items()}
+            row["`ul.certify`, not counted"] = two_digits(run["certify_cpu"])
             row["p"] = f"{judge.growth(levels['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
             rows.append(row)
     return pd.DataFrame(rows)
@@ -151,6 +159,7 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
         **_compare_fastest(runs, n),
         "over_linear": float(multigrid["solve_cpu"][n] / judge.along(runs, judge.LINEAR)["solve_cpu"][n]),
         "reads": judge.reads(runs, table, n),
+        "certify_cpu": float(multigrid["certify_cpu"][n]),
         "bandwidth": float(table["bandwidth"]) / 1e9,
         "flop_rate": float(table["flop_rate"]) / 1e9,
         "share_of_peak": judge.share_of_peak(runs, table, n),

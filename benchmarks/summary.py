@@ -14,6 +14,7 @@ KEYS = ["way", "problem", "n", "H_over_h"]
 MEDIANS = (
     *("cpu_seconds", "wall", "start_cpu", "mesh_cpu", "assembly_cpu", "solve_cpu"),
     *("peak_mb", "iterations", "sets", "h1_error", "over_discrete", "operations"),
+    *("relative_bound", "certify_cpu"),
 )
 Record = Mapping[str, Any]
 
@@ -31,8 +32,9 @@ def rows(records: Iterable[Record]) -> pd.DataFrame:
 
 
 def list_result_rows(record: Record) -> list[dict[str, Any]]:
-    """A row per result of a run; errors are measured in one of its repeats."""
+    """A row per result of a run; errors are measured, and certified, in one of its repeats."""
     errors = record.get("errors") or [np.nan] * len(record["results"])
+    certified = record.get("certified") or [{}] * len(record["results"])
     return [
         {
             "way": result["way"],
@@ -46,9 +48,11 @@ def list_result_rows(record: Record) -> list[dict[str, Any]]:
             "sets": result.get("sets", np.nan),
             "h1_error": error,
             "over_discrete": error / record.get("reference", np.nan),
+            "relative_bound": guarantee.get("relative_bound", np.nan),
+            "certify_cpu": guarantee.get("certify_cpu", np.nan),
             **sum_phases(result["phases"]),
         }
-        for result, error in zip(record["results"], errors, strict=True)
+        for result, error, guarantee in zip(record["results"], errors, certified, strict=True)
     ]
 
 

@@ -22,7 +22,7 @@ from benchmarks import ratios as judge
 from benchmarks import side_by_side as benchmark_tables
 from benchmarks.peers.driver import match_nodes
 from study import tables
-from unilateral.errors import InputError
+from unilateral.errors import InputError, SolutionWarning
 from unilateral.geometry.polygon import find_polygon, square
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
@@ -107,18 +107,26 @@ def record(cpu: float, repeat: int) -> dict[str, Any]:
     """Of a process that took so long, half of it in the operator, with another wall-clock time."""
     phases = {"assembly": [cpu / 4, 1.0], "operator": [cpu / 2, 2.0], "solve": [cpu / 4, 3.0]}
     result = {"way": "linear", "phases": phases, "iterations": 5}
-    errors = {"reference": 2.0, "errors": [2.5]} if repeat == 0 else {}
+    judged = {
+        "reference": 2.0,
+        "errors": [2.5],
+        "certified": [{"bound": 3.0, "relative_bound": 0.03, "certify_cpu": 7.0}],
+    }
+    errors = judged if repeat == 0 else {}
     record = {"solver": "linear", "problem": "natural", "n": 16, "start": 1.0, "peak_mb": 100.0 + repeat}
     return {**record, "results": [result], **errors}
 
 
 def test_a_summary_has_medians_and_the_spread() -> None:
-    """By hand: 1, 2, 12 have the median 2; errors are those of the one repeat that was judged."""
+    """By hand: 1, 2, 12 have the median 2; errors and bounds are those of the one repeat that was judged."""
     (row,) = summary.rows([record(12, 0), record(1, 1), record(2, 2)]).to_dict("records")
     assert (row["cpu_seconds"], row["cpu_least"], row["cpu_most"], row["repeats"]) == (2, 1, 12, 3)
     assert (row["assembly_cpu"], row["solve_cpu"], row["mesh_cpu"], row["wall"]) == (1.5, 0.5, 0, 6)
     assert (row["over_discrete"], row["peak_mb"], row["iterations"], row["H_over_h"]) == (1.25, 101, 5, 0)
+    assert (row["relative_bound"], row["certify_cpu"]) == (0.03, 7)
     assert math.isnan(row["sets"])
+    (row,) = summary.rows([record(1, 1)]).to_dict("records")
+    assert math.isnan(row["relative_bound"])
 
 
 def made_up() -> pd.DataFrame:
@@ -146,14 +154,18 @@ def test_ratios_and_growth_are_those_of_made_up_laws() -> None:
 
 
 def test_a_table_has_ratios_and_says_where_memory_was_measured() -> None:
-    """Who was not there has no row."""
-    table = xr.Dataset.from_dataframe(made_up().assign(peak_mb=1234.4))
+    """Who was not there has no row. Bounds are rounded up, and one may be missing."""
+    runs = made_up().assign(peak_mb=1234.4, relative_bound=0.00401)
+    runs.loc[runs["way"] == "skfem", "relative_bound"] = math.inf
+    table = xr.Dataset.from_dataframe(runs)
     rows = benchmark_tables.solvers(table).set_index("`natural`, H = 2h")
     ways = ("multigrid", "recursive newton", "fenicsx", "skfem", "ngsolve")
     assert list(rows.index) == [benchmark_tables.NAMES[way] for way in ways]
     assert rows["66 049 unknowns"].tolist() == ["1 s", "× 4 (4 s)", "× 3 (3 s)", "× 5 (5 s)", "× 2 (2 s)"]
     assert rows["1 050 625 unknowns"].tolist() == ["16 s", "× 4 (64 s)", "× 3 (48 s)", "× 5 (80 s)", "–"]
     assert rows["peak memory"].tolist() == ["1234 MB"] * 4 + ["1234 MB (at 263 169)"]
+    bounds = ["0.41 %", "0.41 %", "0.41 %", "none", "0.41 % (at 263 169)"]
+    assert rows["guaranteed error of u"].tolist() == bounds
 
 
 def test_reads_of_the_matrix_and_the_share_of_peak_are_those_by_hand() -> None:
@@ -231,6 +243,39 @@ def test_the_judge_s_error_is_that_by_quadrature(data: Path, tmp_path: Path) -> 
     # The degree of the rule leaves 1e-9 of the squares.
     assert judged["errors"] == pytest.approx([h1_distance(case, mesh, v), judged["reference"]], rel=1e-8)
     assert judged["errors"][0] > 1.5 * judged["reference"]
+    bounds = np.array([certified["bound"] for certified in judged["certified"]])
+    assert all(bounds >= judged["errors"])
+    assert bounds[1] < 1.5 * judged["errors"][1]
+    assert "certified" not in problem.judge(make_order(certify=False), data, tmp_path / "found.npz")
+
+
+def test_where_no_bound_is_given_it_is_infinite(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `ul.certify` does where a bound takes more memory than is free."""
+    monkeypatch.setattr("unilateral.solution.bounds.explain_memory_shortage", lambda *_: "no memory")
+    mesh = problem.mesh_of(make_order())
+    with pytest.warns(SolutionWarning, match="no memory"):
+        certified = problem.certify(problem.find_problem(make_order()), mesh, np.load(data)["w"])
+    assert (certified["bound"], certified["relative_bound"]) == (math.inf, math.inf)
+
+
+def test_between_slivers_others_stop_later(tmp_path: Path) -> None:
+    """With the plan's factor scikit-fem's u is accurate enough. Control: without it, it is not."""
+    read = plan.read(COMMITTED)
+    runs = {run.solver: run for run in plan.runs(read, [256]) if run.problem == "slivers"}
+    usual = read["solvers"]["skfem"]["settings"]["tolerance"]
+    order = {**runs["skfem"].order, "n": 128, "certify": False}
+    assert order["tolerance"] == pytest.approx(0.1 * usual, rel=1e-12)
+    assert "tolerance" not in runs["multigrid"].order
+    slivers = tmp_path / "slivers.npz"
+    problem.prepare(order, slivers)
+    excess = []
+    for tolerance in (order["tolerance"], usual):
+        solution = tmp_path / "found.npz"
+        module = read["solvers"]["skfem"]["module"]
+        runner.run_module(sys.executable, module, slivers, solution, {**order, "tolerance": tolerance})
+        judged = problem.judge(order, slivers, solution)
+        excess.append(judged["errors"][0] / judged["reference"] - 1)
+    assert excess[0] <= read["within"] < excess[1]
 
 
 def test_nodes_of_another_mesh_are_refused() -> None:
