@@ -176,8 +176,9 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
         yield ("totals", "scenes"), scene, scenes
         for i, case in enumerate(cases):
             yield ("totals", "scenes", scene, i), case, scenes[scene]["cases"]
-    for i, scene in enumerate(study["floors"]):
-        yield ("floors", i), scene, scenes
+    for field in ("floors", "u_in_l2"):
+        for i, scene in enumerate(study[field]):
+            yield (field, i), scene, scenes
     for scene in cost["h"]:
         yield ("cost", "h"), scene, scenes
     base = cost["base"]
