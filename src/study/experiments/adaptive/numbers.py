@@ -106,7 +106,8 @@ def summarise_adapted_beta(infsup: xr.Dataset, smallest_angle: float) -> dict[st
     """The least beta on adapted meshes with angles of at least so much, and on the others; the least angle.
 
     Besides these, the largest beta with an edge in each cell, the least beta_0, the shortest cell, and in how
-    many steps Uzawa's algorithm gains a factor of e at best: |1 - rho lambda_min| is at least 1 - 2/cond(S).
+    many steps Uzawa's algorithm gains a factor of e at best. |1 - rho lambda_min| >= 1 - x with x = 2/cond(S)
+    for every rho < 2/lambda_max, and -1/log(1 - x) >= 1/x - 1.
     """
     condition = infsup["lambda_max"] / infsup["lambda_min"]
     large = infsup["smallest_angle"] >= smallest_angle
@@ -117,5 +118,5 @@ def summarise_adapted_beta(infsup: xr.Dataset, smallest_angle: float) -> dict[st
         "of_edges": float(infsup["beta_of_edges"].max()),
         "beta_0": float(infsup["beta_0"].min()),
         "shortest_cell": float(infsup["shortest_cell"].min()),
-        "steps": 0.5 * float(condition.max()),
+        "steps": 0.5 * float(condition.max()) - 1,
     }

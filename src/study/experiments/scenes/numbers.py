@@ -173,8 +173,8 @@ def tabulate_fixed_cells(errors: xr.Dataset) -> pd.DataFrame:
         distance = float(run["hm12_best"].max())
         if distance > ZERO_ERROR_SHARE * float(run["u_norm"].max()):
             columns = {
-                f"h = {format_value(float(level['h']), '1/n')}": f"{float(level['discrete_error']):.3g}"
-                for _, level in run.groupby("mesh")
+                f"h = {format_value(h, '1/n')}": f"{D:.3g}"
+                for h, D in zip(run["h"].values, run["discrete_error"].values, strict=True)
             }
             rows.append({"case": f"`{case}`"} | columns | {r"distance of $\lambda$": f"{distance:.3g}"})
     return pd.DataFrame(rows)
