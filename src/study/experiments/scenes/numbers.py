@@ -132,7 +132,8 @@ def tabulate_u_in_l2(
 ) -> pd.DataFrame:
     """The rates of ||u - u_h||_0 per scene and case beside the largest order that a claim has there.
 
-    The last column is D over ||u - u_h||_0 on the finest level. A case without asymptotic levels has no row.
+    The last column is D over ||u - u_h||_0 on the finest level, 0 if D is not above the algebraic bound.
+    A case without asymptotic levels has no row.
     """
     rows = []
     for name, table in errors.items():
@@ -146,7 +147,9 @@ def tabulate_u_in_l2(
                 for claim in claim_parameters
                 if name in claim["scenes"] and case in claim["orders"]
             ]
-            share = float(run["discrete_error"][-1] / run["u_l2_error"][-1])
+            finest = run.isel(mesh=-1)
+            is_zero = bool(finest["discrete_error"] <= finest["algebraic_bound"])
+            share = 0.0 if is_zero else float(finest["discrete_error"] / finest["u_l2_error"])
             rows.append(
                 {
                     "scene": name,
