@@ -43,7 +43,8 @@ def gauss_points(corners):
     """Points (t, 400, 2) and weights (t, 400) on triangles (t, 3, 2): Gauss's rule on a square, collapsed."""
     nodes, weights = np.polynomial.legendre.leggauss(20)
     a, b = np.meshgrid(0.5 * (nodes + 1), 0.5 * (nodes + 1))
-    first, second = (1 - a).ravel(), (a * (1 - b)).ravel()
+    first = (1 - a).ravel()
+    second = (a * (1 - b)).ravel()
     barycentric = np.array([first, second, 1 - first - second]).T
     sides = corners[:, 1:] - corners[:, :1]
     twice_area = np.abs(np.linalg.det(sides))
@@ -58,7 +59,8 @@ def test_the_distance_in_L2_is_that_of_another_quadrature():
     slope = np.array([0.3, -0.7])
     values = mesh.points @ slope + 0.1
     places, weight = gauss_points(mesh.points[mesh.triangles])
-    x, y = places[..., 0], places[..., 1]
+    x = places[..., 0]
+    y = places[..., 1]
     difference = np.cos(math.pi * x) * np.cos(2 * math.pi * y) / 2 - places @ slope - 0.1
     expected = math.sqrt(np.sum(weight * difference**2))
     assert l2_distance(case, mesh, values, 12) == pytest.approx(expected, rel=1e-9)

@@ -144,7 +144,7 @@ def l2_order(
     errors = select_cases(tables, "{scene}/u_in_l2", scenes, orders)
     judged = select_cases(tables, "{scene}/rates", scenes, orders)
     smallest = {}
-    faults = [f"{case} is in no scene" for case in absent_cases(errors.values(), orders)]
+    faults = [f"{case} is in no scene" for case in list_absent_cases(errors.values(), orders)]
     for name, run in errors.items():
         rates = asymptotic_l2_rates(run, judged[name], H_over_h)
         smallest[name] = float(np.min(rates, initial=np.inf))
@@ -162,7 +162,7 @@ def l2_order(
 def l2_order_in_full_contact(
     tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], H_over_h: float, tolerance: float
 ) -> Evidence:
-    """The same. Raises Unjudged if it holds, but lambda_H is not positive in all cells on all levels."""
+    """The evidence of `l2_order`. Raises Unjudged if it holds, but lambda_H is 0 in a cell of some level."""
     errors = select_cases(tables, "{scene}/u_in_l2", scenes, orders)
     released = [
         f"{name}: a multiplier is 0"
@@ -184,11 +184,12 @@ def asymptotic_l2_rates(errors: xr.Dataset, rates: xr.Dataset, H_over_h: float) 
     error = errors["u_l2_error"].swap_dims(mesh="h")
     coarse = error.sel(h=h_coarse, method="nearest").values
     fine = error.sel(h=h_fine, method="nearest").values
+    # log(e_1 / e_2) / log(h_1 / h_2)
     return np.asarray(np.log(coarse / fine) / np.log(h_coarse / h_fine))
 
 
-def absent_cases(runs: Iterable[xr.Dataset], cases: Iterable[str]) -> list[str]:
-    """Those of the cases of which there is no run."""
+def list_absent_cases(runs: Iterable[xr.Dataset], cases: Iterable[str]) -> list[str]:
+    """The cases, sorted, of which there is no run."""
     return sorted(set(cases) - {run["case"].item() for run in runs})
 
 
@@ -207,7 +208,7 @@ def exactness(
     excess = {name: (float(index_rate(totals)) - expected[name]) / tolerance for name, totals in rows.items()}
     quantity = "the smallest rate of index − 1 less the expected one, over its tolerance"
     evidence = pick_worst(excess, quantity, -1.0, True)
-    absent = absent_cases(rows.values(), orders)
+    absent = list_absent_cases(rows.values(), orders)
     return require_preconditions(evidence, [f"{case} is in no scene" for case in absent])
 
 

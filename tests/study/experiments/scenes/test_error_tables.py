@@ -154,8 +154,8 @@ def test_the_table_of_errors_in_L2_has_the_largest_order_and_both_ends_of_the_ra
         {"scenes": ["square"], "orders": {"first": 1.5, "second": 1.1}},
         {"scenes": ["square"], "orders": {"first": 2}},
     ]
-    both = {"square": errors, "lshape": errors.isel(case=[0])}
-    table = scenes.tabulate_u_in_l2(both, {"square": rates, "lshape": rates}, 0.5, claimed)
+    tables = {"square": errors, "lshape": errors.isel(case=[0])}
+    table = scenes.tabulate_u_in_l2(tables, {"square": rates, "lshape": rates}, 0.5, claimed)
     assert table.values.tolist() == [
         ["square", "`first`", "2", "1.00 to 2.00 (2 pairs)", "8"],
         ["square", "`second`", "1.1", "1.00 to 2.00 (2 pairs)", "0"],
