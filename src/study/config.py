@@ -181,8 +181,9 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
         for norm, expected in norms.items():
             for i, scene in enumerate(expected.get("unproved", [])):
                 yield ("rates", "cases", case, norm, "unproved", i), scene, scenes
-    for i, scene in enumerate(study["floors"]):
-        yield ("floors", i), scene, scenes
+    for field in ("floors", "u_in_l2"):
+        for i, scene in enumerate(study[field]):
+            yield (field, i), scene, scenes
     for scene in cost["h"]:
         yield ("cost", "h"), scene, scenes
     base = cost["base"]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate
 from typing import Any
+
+import numpy as np
 
 from unilateral.errors import InputError, StorageError
 from unilateral.formulas.exact_numbers import sign
@@ -71,6 +73,11 @@ def has_clamped_sides(name: str) -> bool:
 def scene_partitions(scene: Mapping[str, Any]) -> list[Partition]:
     """The uniform partitions of a scene, coarse to fine."""
     return [partition.make_uniform_partition(scene_polygon(scene), parse_real(H, "H")) for H in scene["H"]]
+
+
+def find_partition_of_ratio(mesh: Mesh, partitions: Sequence[Partition], H_over_h: float) -> int:
+    """The number of the partition whose H/h is nearest to the one asked for."""
+    return int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
 
 
 def H_over_h_limits(scene: Mapping[str, Any]) -> tuple[float, float]:

@@ -216,6 +216,7 @@ def test_refusals_name_the_file_and_the_field(path, value):
     [
         ("totals.scenes.lshape", ["natural"]),
         ("floors", ["nowhere"]),
+        ("u_in_l2", ["nowhere"]),
         ("figures.consistency.case", "reentrant"),
         ("cost.base.scene", "nowhere"),
         ("cost.base.case", "natural"),

@@ -52,7 +52,7 @@ ACCEPTED = [
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
     (r".*\.(label|name|what|shows|f)", "text|upper|path|half|scientific|digits"),
     (r".*\.judged", "true"),
-    (r"floors", "list"),
+    (r"floors|u_in_l2", "list"),
 ]
 """Places and changes that leave a configuration that makes sense."""
 

@@ -170,3 +170,31 @@ def test_without_a_beta_or_an_error_there_is_no_ratio(table):
     quotients = lemma_quotients(table)
     for name in ("norm_ratio_lower", "norm_ratio_upper", "lemma_4_3"):
         assert np.isnan(quotients[name]).all()
+
+
+def test_uzawa_contracts_as_the_constant_says_and_no_better_than_the_spectrum():
+    """Supplement, E.6 (b), with rho = sigma_1 on cells whose lengths differ by a factor of 9.
+
+    lambda_H is chosen, with cells in contact and off contact, and the data are made from it. Control: where
+    no cell is clipped the slowest part falls by 1 - sigma_1 lambda_min, so no smaller factor is a bound.
+    """
+    cells = partitions.from_points(square(), [0, 0.05, 0.15, 0.6, *np.arange(1, 4.25, 0.25)])
+    mesh = meshes.triangulate_from_cells(cells, 2)[0]
+    condensed = condense(mesh)
+    operator = mixed_spaces(condensed, cells).operator
+    sigma = condensed.sigma_1
+    factor = 1 - sigma * cellwise_lower_bound(mesh, cells) ** 2 * cells.lengths.min()
+    slowest = 1 - sigma * operator.lambda_min
+    assert 0 < slowest <= factor < 1
+    rng = np.random.default_rng(0)
+    solution = np.maximum(rng.uniform(-1, 1, cells.n_cells), 0.0)
+    gap = np.where(solution > 0, 0.0, rng.uniform(0, 1, cells.n_cells))
+    # F(x) = S x + b is the scaled gap: F(solution) = gap
+    for start in rng.uniform(0, 3, (20, cells.n_cells)):
+        x = start
+        for _ in range(5):
+            new = np.maximum(x - sigma * (operator.S @ (x - solution) + gap), 0.0)
+            assert np.linalg.norm(new - solution) <= factor * np.linalg.norm(x - solution)
+            x = new
+    mode = np.linalg.eigh(operator.S)[1][:, 0]
+    assert np.linalg.norm(mode - sigma * operator.S @ mode) == pytest.approx(slowest, rel=1e-12)

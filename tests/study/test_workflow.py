@@ -67,6 +67,7 @@ SOLVED = {"solve": 1, "dual_norm": 1}
 PLANS = {
     "results/square/errors.nc": (SOLVED, {"square"}),
     "results/square/floors.nc": ({**SOLVED, "floors": 1}, {"square"}),
+    "results/square/u_in_l2.nc": ({**SOLVED, "u_in_l2": 1}, {"square"}),
     "figures/rates_square.svg": ({**SOLVED, "rates": 1, "draw_rates": 1}, {"square"}),
     "figures/rates_lshape.svg": ({**SOLVED, "rates": 1, "draw_rates": 1}, {"lshape"}),
     "figures/sharpness.svg": ({"sharpness": 1, "draw_sharpness": 1}, {"sharpness"}),
@@ -114,6 +115,7 @@ TABLES = {
     "rates": ["rates.nc"],
     "totals": ["totals.nc"],
     "floors": ["floors.nc"],
+    "u_in_l2": ["u_in_l2.nc"],
 }
 """What the rules of a scene write, in its folder."""
 READ = {
@@ -121,6 +123,7 @@ READ = {
     "rates": {"errors": "errors.nc"},
     "totals": {"mesh": "mesh.vtu", "solutions": "solutions.nc"},
     "floors": {"errors": "errors.nc"},
+    "u_in_l2": {"mesh": "mesh.vtu"},
 }
 """What they read there."""
 PARAMS = {
@@ -134,6 +137,7 @@ PARAMS = {
         "ratio": "rates.judged_ratio",
     },
     "floors": {"ratio": "rates.judged_ratio"},
+    "u_in_l2": {"scene": "scenes.{scene}", "stop": "stop", "ratio": "rates.judged_ratio"},
     "surveys": {"study": "surveys", "finds": "finds"},
     "sharpness": {"study": "sharpness", "stop": "stop"},
     "cells": {"study": "cells", "stop": "stop"},
@@ -187,7 +191,7 @@ def test_a_job_depends_on_the_cases_of_its_scene(planned_jobs):
     cases = {name: scene["cases"] for name, scene in STUDY["scenes"].items()}
     original = {name: STUDY[name]["cases"] for name in ("cells", "algorithm")}
     for job in select_rules(
-        planned_jobs, ["dual_norm", "solve", "rates", "totals", "floors", "cells", "algorithm"]
+        planned_jobs, ["dual_norm", "solve", "rates", "totals", "floors", "u_in_l2", "cells", "algorithm"]
     ):
         expected = original.get(job["rule"]) or cases[job["wildcards"]["scene"]]
         files = [file for file in job["input"] if file.startswith("manufactured/")]
@@ -233,7 +237,9 @@ def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned_j
     judged = [name for name, scene in STUDY["scenes"].items() if scene["judged"]]
     expected = {f"results/{scene}/rates.nc" for scene in judged}
     expected |= {f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]}
-    expected |= {"results/claims.json", "results/square/floors.nc", "figures/infsup.csv"}
+    expected |= {f"results/{scene}/u_in_l2.nc" for scene in STUDY["u_in_l2"]}
+    expected |= {"results/claims.json", "figures/infsup.csv"}
+    expected |= {f"results/square/{table}.nc" for table in ("floors", "errors")}
     expected |= {f"benchmarks/{name}" for name in BENCHMARKS}
     for experiment, tables in TOLD.items():
         expected |= {f"results/{experiment}/{table}.nc" for table in tables}

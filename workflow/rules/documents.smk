@@ -34,6 +34,8 @@ rule document_numbers:
             *expand("results/{scene}/rates.nc", scene=JUDGED),
             *expand("results/{scene}/totals.nc", scene=TOTALS),
             "results/square/floors.nc",
+            "results/square/errors.nc",
+            *expand("results/{scene}/u_in_l2.nc", scene=config["u_in_l2"]),
             "results/sharpness/rates.nc",
             "figures/infsup.csv",
         ],

@@ -5,6 +5,7 @@ MADE = {
     **files_by_rule(JUDGED),
     "floors": expand(rules.floors.output, scene=config["floors"]),
     "totals": expand(rules.totals.output, scene=TOTALS),
+    "u_in_l2": expand(rules.u_in_l2.output, scene=config["u_in_l2"]),
     # The rule of an experiment has the name of its fields in the configuration.
     **{rule.name: rule.output for rule in workflow.rules if rule.name in config and not rule.has_wildcards()},
     "claims": rules.claims.output,

@@ -113,3 +113,26 @@ rule floors:
         "{wildcards.scene}: the floors that h and H leave in H1"
     script:
         "../scripts/floors.py"
+
+
+rule u_in_l2:
+    input:
+        scene_case_files,
+        mesh="results/{scene}/mesh.vtu",
+    output:
+        u_in_l2="results/{scene}/u_in_l2.nc",
+    log:
+        "results/logs/u_in_l2/{scene}.log",
+    benchmark:
+        "results/benchmarks/u_in_l2/{scene}.tsv"
+    resources:
+        **SOLVES,
+    params:
+        code=code("u_in_l2"),
+        scene=declared_scene,
+        stop=config["stop"],
+        ratio=config["rates"]["judged_ratio"],
+    message:
+        "{wildcards.scene}: the errors of u in L2"
+    script:
+        "../scripts/u_in_l2.py"

@@ -162,6 +162,15 @@ def _check_u_size(case: ExactSolution, size: float) -> None:
 
 def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
     """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature, part by part of a large mesh."""
+    return _energy_distance(case, mesh, v_h, Form(c=case.c), degree)  # cases have k = 1
+
+
+def l2_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
+    """||u - v_h||_0 in Omega of any v_h (n,) in V_h, by quadrature, part by part of a large mesh."""
+    return _energy_distance(case, mesh, v_h, Form(k=0.0, c=1.0), degree)
+
+
+def _energy_distance(case: ExactSolution, mesh: Mesh, v_h: Array, form: Form, degree: int | None) -> float:
     square = 0.0
     for block in mesh_blocks(mesh):
         used = _drop_zero_triangles(case, block, v_h)
@@ -170,7 +179,7 @@ def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None 
         for rule in triangle_rules(used, case, degree):
             u, grad_u = _evaluate_at_rule(case.value_and_gradient, rule)
             value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
-            square += _squared_energy(rule.weight, value, slope, Form(c=case.c))  # cases have k = 1
+            square += _squared_energy(rule.weight, value, slope, form)
     return math.sqrt(square)
 
 

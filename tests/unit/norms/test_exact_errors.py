@@ -20,6 +20,7 @@ from unilateral.norms.ritz import (
     RitzProjection,
     _check_u_size,
     h1_distance,
+    l2_distance,
     ritz_projection,
     ritz_projections,
 )
@@ -36,6 +37,34 @@ def test_the_norm_of_u_is_its_closed_form_and_the_ritz_projection_is_nearest():
     distance = h1_distance(case, spaces.mesh, interpolant, 12)
     assert problem.interpolation_error == pytest.approx(distance, rel=1e-12)
     assert problem.ritz_error < 0.999 * distance
+
+
+def gauss_points(corners):
+    """Points (t, 400, 2) and weights (t, 400) on triangles (t, 3, 2): Gauss's rule on a square, collapsed."""
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    a, b = np.meshgrid(0.5 * (nodes + 1), 0.5 * (nodes + 1))
+    first = (1 - a).ravel()
+    second = (a * (1 - b)).ravel()
+    barycentric = np.array([first, second, 1 - first - second]).T
+    sides = corners[:, 1:] - corners[:, :1]
+    twice_area = np.abs(np.linalg.det(sides))
+    square_weight = 0.25 * np.outer(weights, weights).ravel() * a.ravel()
+    return barycentric @ corners, twice_area[:, None] * square_weight
+
+
+def test_the_distance_in_L2_is_that_of_another_quadrature():
+    """u = cos(pi x) cos(2 pi y)/2 is written here again. Control: the gradient has no part in it."""
+    case = load("no_contact")
+    mesh = condense_structured_mesh("square", 4).mesh
+    slope = np.array([0.3, -0.7])
+    values = mesh.points @ slope + 0.1
+    places, weight = gauss_points(mesh.points[mesh.triangles])
+    x = places[..., 0]
+    y = places[..., 1]
+    difference = np.cos(math.pi * x) * np.cos(2 * math.pi * y) / 2 - places @ slope - 0.1
+    expected = math.sqrt(np.sum(weight * difference**2))
+    assert l2_distance(case, mesh, values, 12) == pytest.approx(expected, rel=1e-9)
+    assert l2_distance(case, mesh, values) < h1_distance(case, mesh, values)
 
 
 @pytest.mark.parametrize("name", ["smooth", "thirds", "vertex"])

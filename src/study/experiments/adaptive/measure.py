@@ -162,18 +162,23 @@ def _level_errors(problem: Problem, solution: DiscreteSolution) -> AdaptiveRow:
 def beta_constants(solution: DiscreteSolution) -> AdaptiveRow:
     """The `pair_constants` of its mesh and cells, also on free sides, and beta with an edge in each cell.
 
-    P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
+    P0 of the cells lies in that of the edges, and so one Gram matrix serves both. Besides these, what the
+    contraction of Uzawa's algorithm depends on: the spectrum of S, and the shortest cell with a multiplier.
     """
     mesh = solution.mesh
     form = solution.form._replace(free=())  # so that free sides carry a multiplier, too
     edges = from_points(mesh.polygon, mesh.s)
     condensed = condense(mesh, form)
     gram = build_dual_norm(edges, form=form).gram()
-    cell_constants = pair_constants(
-        mixed_spaces(condensed, solution.partition), gram.coarsen(solution.partition).p0
-    )
+    spaces = mixed_spaces(condensed, solution.partition)
+    cell_constants = pair_constants(spaces, gram.coarsen(solution.partition).p0)
     edge_constants = pair_constants(mixed_spaces(condensed, edges), gram.coarsen(edges).p0)
-    return cell_constants | {"beta_of_edges": edge_constants["beta_upper"]}
+    return cell_constants | {
+        "beta_of_edges": edge_constants["beta_upper"],
+        "lambda_min": spaces.operator.lambda_min,
+        "lambda_max": spaces.operator.lambda_max,
+        "shortest_cell": float(spaces.operator.H_i.min()),
+    }
 
 
 def join_tables(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:

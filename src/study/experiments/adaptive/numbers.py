@@ -105,8 +105,11 @@ def _unknowns_to_bound(levels: xr.Dataset, target: float) -> NDArray[np.float64]
 def summarise_adapted_beta(infsup: xr.Dataset, smallest_angle: float) -> dict[str, float]:
     """The least beta on adapted meshes with angles of at least so much, and on the others; the least angle.
 
-    Besides these, the largest beta with an edge in each cell, and the least beta_0.
+    Besides these, the largest beta with an edge in each cell, the least beta_0, the shortest cell, and in how
+    many steps Uzawa's algorithm gains a factor of e at best. |1 - rho lambda_min| >= 1 - x with x = 2/cond(S)
+    for every rho < 2/lambda_max, and -1/log(1 - x) >= 1/x - 1.
     """
+    condition = infsup["lambda_max"] / infsup["lambda_min"]
     large = infsup["smallest_angle"] >= smallest_angle
     return {
         "beta": float(infsup["beta_lower"].where(large).min()),
@@ -114,4 +117,6 @@ def summarise_adapted_beta(infsup: xr.Dataset, smallest_angle: float) -> dict[st
         "angle": float(infsup["smallest_angle"].min()),
         "of_edges": float(infsup["beta_of_edges"].max()),
         "beta_0": float(infsup["beta_0"].min()),
+        "shortest_cell": float(infsup["shortest_cell"].min()),
+        "steps": 0.5 * float(condition.max()) - 1,
     }

@@ -7,8 +7,17 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from study.evidence import Evidence, Tables, Unjudged, pick_worst, require_preconditions, select_cases
-from study.rates import smallest_rate
+from study.evidence import (
+    MAX_ALGEBRAIC_SHARE,
+    Evidence,
+    Tables,
+    Unjudged,
+    pick_worst,
+    require_preconditions,
+    select_cases,
+)
+from study.rates import MIN_PAIRS, smallest_rate
+from unilateral.arrays import Array
 
 
 def theorem_rate(
@@ -124,6 +133,66 @@ def regularity_rate(
     return require_preconditions(pick_worst(excess, quantity, -1.0, True), _rate_faults(rows))
 
 
+def l2_order(
+    tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], H_over_h: float, tolerance: float
+) -> Evidence:
+    """The least excess of the rates of ||u - u_h||_0 over the proved orders of cases, in tolerances.
+
+    Rates are those of `asymptotic_l2_rates`. Raises Unjudged if none is too low, but a case is in no scene or
+    has too few pairs of levels, or an algebraic error is not small.
+    """
+    errors = select_cases(tables, "{scene}/u_in_l2", scenes, orders)
+    judged = select_cases(tables, "{scene}/rates", scenes, orders)
+    smallest = {}
+    faults = [f"{case} is in no scene" for case in list_absent_cases(errors.values(), orders)]
+    for name, run in errors.items():
+        rates = asymptotic_l2_rates(run, judged[name], H_over_h)
+        smallest[name] = float(np.min(rates, initial=np.inf))
+        if len(rates) < MIN_PAIRS:
+            faults.append(f"{name}: there are fewer than {MIN_PAIRS} pairs of asymptotic levels")
+        if not np.all(run["algebraic_bound"] <= MAX_ALGEBRAIC_SHARE * run["u_l2_error"]):
+            faults.append(f"{name}: a guaranteed algebraic error is not small")
+    excess = {
+        name: (rate - orders[errors[name]["case"].item()]) / tolerance for name, rate in smallest.items()
+    }
+    quantity = "the smallest rate less the proved order, over its tolerance"
+    return require_preconditions(pick_worst(excess, quantity, -1.0, True), faults)
+
+
+def l2_order_in_full_contact(
+    tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], H_over_h: float, tolerance: float
+) -> Evidence:
+    """The evidence of `l2_order`. Raises Unjudged if it holds, but lambda_H is 0 in a cell of some level."""
+    errors = select_cases(tables, "{scene}/u_in_l2", scenes, orders)
+    released = [
+        f"{name}: a multiplier is 0"
+        for name, run in errors.items()
+        if not (run["least_multiplier"] > 0).all()
+    ]
+    return require_preconditions(l2_order(tables, scenes, orders, H_over_h, tolerance), released)
+
+
+def asymptotic_l2_rates(errors: xr.Dataset, rates: xr.Dataset, H_over_h: float) -> Array:
+    """Rates (p,) of a case's errors ||u - u_h||_0, between levels that are asymptotic in H^{-1/2}.
+
+    These are the levels for D, the part of the bound that is of lower order.
+    """
+    dual = rates.sel(norm="hm12", h_over_H=1 / H_over_h)
+    is_asymptotic = dual["asymptotic"].values == 1
+    h_coarse = dual["h_coarse"].values[is_asymptotic]
+    h_fine = dual["h_fine"].values[is_asymptotic]
+    error = errors["u_l2_error"].swap_dims(mesh="h")
+    coarse = error.sel(h=h_coarse, method="nearest").values
+    fine = error.sel(h=h_fine, method="nearest").values
+    # log(e_1 / e_2) / log(h_1 / h_2)
+    return np.asarray(np.log(coarse / fine) / np.log(h_coarse / h_fine))
+
+
+def list_absent_cases(runs: Iterable[xr.Dataset], cases: Iterable[str]) -> list[str]:
+    """The cases, sorted, of which there is no run."""
+    return sorted(set(cases) - {run["case"].item() for run in runs})
+
+
 def exactness(
     tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], tolerance: float
 ) -> Evidence:
@@ -139,8 +208,8 @@ def exactness(
     excess = {name: (float(index_rate(totals)) - expected[name]) / tolerance for name, totals in rows.items()}
     quantity = "the smallest rate of index − 1 less the expected one, over its tolerance"
     evidence = pick_worst(excess, quantity, -1.0, True)
-    absent = set(orders) - {table["case"].item() for table in rows.values()}
-    return require_preconditions(evidence, [f"{case} is in no scene" for case in sorted(absent)])
+    absent = list_absent_cases(rows.values(), orders)
+    return require_preconditions(evidence, [f"{case} is in no scene" for case in absent])
 
 
 def index_rate(totals: xr.Dataset) -> xr.DataArray:

@@ -11,10 +11,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from study.experiments.scenes.checks import index_rate
+from study.experiments.scenes.checks import asymptotic_l2_rates, index_rate
 from study.formats import DASH, ERROR_TITLES, SPACES, format_row, format_value
 from study.rates import ERROR_NORMS, smallest_rate
 from study.scenes import has_clamped_sides
+from study.tables import ZERO_ERROR_SHARE
 from unilateral.formulas.formula import parse_real
 from unilateral.system.declarations import read_stored_yaml
 
@@ -36,7 +37,9 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     """The tables of rates, floors and totals of the scenes."""
     ratio = parse_real(study["rates"]["judged_ratio"], "judged_ratio")
-    (exact,) = [claim for claim in read_stored_yaml(SCENE_CLAIMS)["claims"] if claim["id"] == "F.exact"]
+    claimed = {claim["id"]: claim for claim in read_stored_yaml(SCENE_CLAIMS)["claims"]}
+    l2_claims = [claimed[name]["parameters"] for name in ("T.L2", "T.L2c")]
+    l2_errors = {name: results[f"{name}/u_in_l2"] for name in study["u_in_l2"]}
     scenes = [name for name, scene in study["scenes"].items() if scene["judged"]]
     judged, clamped = split_clamped_scenes({name: results[f"{name}/rates"] for name in scenes})
     bounded, clamped_totals = split_clamped_scenes(
@@ -46,10 +49,12 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
         "rates": tabulate_rates(judged, ratio),
         "rates-by-case": tabulate_rates_by_case(judged, ratio, study["rates"]["cases"]),
         "rates-clamped": tabulate_rates_by_case(clamped, ratio, study["rates"]["cases"]),
+        "u-in-l2": tabulate_u_in_l2(l2_errors, judged, ratio, l2_claims),
         "floors": tabulate_floors(results["square/floors"]),
+        "fixed-cells": tabulate_fixed_cells(results["square/errors"]),
         "totals": tabulate_totals(bounded),
         "totals-clamped": tabulate_totals(clamped_totals),
-        "exactness": tabulate_exactness(bounded, exact["parameters"]),
+        "exactness": tabulate_exactness(bounded, claimed["F.exact"]["parameters"]),
     }
 
 
@@ -128,6 +133,65 @@ def _describe_smallest_rate(rates_rows: Sequence[xr.Dataset], is_proved: bool) -
     return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}{star}" + (
         ", **fails**" if failed else ""
     )
+
+
+def tabulate_u_in_l2(
+    errors: Mapping[str, xr.Dataset],
+    rates: Mapping[str, xr.Dataset],
+    ratio: float,
+    claim_parameters: Sequence[Mapping[str, Any]],
+) -> pd.DataFrame:
+    """The rates of ||u - u_h||_0 per scene and case beside the largest order that a claim has there.
+
+    The last column is D over ||u - u_h||_0 on the finest level, 0 if D is not above the algebraic bound.
+    A case without asymptotic levels has no row.
+    """
+    rows = []
+    for name, table in errors.items():
+        for case in table["case"].values:
+            run = table.sel(case=case)
+            observed = asymptotic_l2_rates(run, rates[name].sel(case=case), 1 / ratio)
+            if not len(observed):
+                continue
+            orders = [
+                claim["orders"][case]
+                for claim in claim_parameters
+                if name in claim["scenes"] and case in claim["orders"]
+            ]
+            finest = run.isel(mesh=-1)
+            is_zero = bool(finest["discrete_error"] <= finest["algebraic_bound"])
+            share = 0.0 if is_zero else float(finest["discrete_error"] / finest["u_l2_error"])
+            rows.append(
+                {
+                    "scene": name,
+                    "case": f"`{case}`",
+                    "proved order": f"{max(orders):.3g}" if orders else DASH,
+                    "observed rates": f"{observed.min():.2f} to {observed.max():.2f} ({len(observed)} pairs)",
+                    r"$D$ over $\Vert u-u_h\Vert_0$": f"{share:.3g}",
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+FIXED_H = 1 / 8
+"""The length of the cells in the table of D over h alone."""
+
+
+def tabulate_fixed_cells(errors: xr.Dataset) -> pd.DataFrame:
+    """D by case on cells of one length and ever finer meshes, and the distance of lambda from P0 there."""
+    partition = int(np.argmin(np.abs(errors["H"].values - FIXED_H)))
+    levels = errors.isel(partition=partition, mesh=errors["h"].values < FIXED_H * (1 - 1e-9))
+    rows = []
+    for case in errors["case"].values:
+        run = levels.sel(case=case)
+        distance = float(run["hm12_best"].max())
+        if distance > ZERO_ERROR_SHARE * float(run["u_norm"].max()):
+            columns = {
+                f"h = {format_value(h, '1/n')}": f"{D:.3g}"
+                for h, D in zip(run["h"].values, run["discrete_error"].values, strict=True)
+            }
+            rows.append({"case": f"`{case}`"} | columns | {r"distance of $\lambda$": f"{distance:.3g}"})
+    return pd.DataFrame(rows)
 
 
 FLOOR_COLUMNS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {

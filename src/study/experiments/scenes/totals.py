@@ -60,8 +60,7 @@ def tabulate_indices(
     Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
     takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
-    # The partition whose H/h is nearest to the one asked for
-    k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
+    k = scenes.find_partition_of_ratio(mesh, partitions, H_over_h)
     spaces = mixed_spaces(condense(mesh, problem_form(cases[0].problem, mesh)), partitions[k])
     runs = [solved.sel(case=case.name).isel(mesh=0, partition=k) for case in cases]
     indices = [_bound_indices(spaces, case, run) for case, run in zip(cases, runs, strict=True)]

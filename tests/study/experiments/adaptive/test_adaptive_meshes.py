@@ -93,6 +93,10 @@ def test_one_gram_matrix_serves_the_cells_and_their_edges():
     assert beta_constants["beta_lower"] == pytest.approx(original.beta_lower, rel=5e-3)
     assert beta_constants["beta_lower"] <= original.beta_upper
     assert beta_constants["beta_of_edges"] == 0
+    # beta_0^2 H is lambda_min(S) by its definition
+    assert beta_constants["shortest_cell"] == pytest.approx(cells.H, rel=1e-12)
+    assert beta_constants["lambda_min"] == pytest.approx(beta_constants["beta_0"] ** 2 * cells.H, rel=1e-12)
+    assert beta_constants["lambda_max"] == pytest.approx(spaces.operator.lambda_max, rel=1e-12)
 
 
 def test_spent_seconds_never_fall_from_level_to_level(tables_of_thirds):
@@ -182,6 +186,9 @@ def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():
 def test_the_least_beta_of_flat_meshes_is_apart_from_that_of_others():
     betas = {"beta_lower": [0.8, 0.7, 0.5], "beta_upper": [0.81, 0.71, 0.51], "smallest_angle": [45, 20, 19]}
     betas |= {"beta_of_edges": [0, 0.02, 0.01], "beta_0": [0.3, 0.2, 0.4]}
+    betas |= {"lambda_min": [0.5, 0.1, 0.25], "lambda_max": [1, 1, 1], "shortest_cell": [0.25, 0.5, 1]}
     constants = xr.Dataset({name: ("level", np.array(values)) for name, values in betas.items()})
     adapted_beta = adaptive_tables.summarise_adapted_beta(constants, 20)
-    assert adapted_beta == {"beta": 0.7, "flat": 0.51, "angle": 19, "of_edges": 0.02, "beta_0": 0.2}
+    # a factor of e takes 10/2 - 1 steps at least
+    uzawa = {"shortest_cell": 0.25, "steps": 4}
+    assert adapted_beta == {"beta": 0.7, "flat": 0.51, "angle": 19, "of_edges": 0.02, "beta_0": 0.2, **uzawa}

@@ -15,7 +15,19 @@ def make_levels(rate=(NAN,) * 4, share=0.005, index=1.2, asymptotic=1.0):
     return table(**variables, kind=["uniform", "adapted"], case=cases)
 
 
+def make_spectra(lambda_min, shortest_cell):
+    """Of five cases on adapted meshes; the certified constant is 1/2."""
+    cases = ["reentrant", "violates_j", "singular", "thirds", "step"]
+    values = {"lambda_min": lambda_min, "shortest_cell": shortest_cell, "beta_0_certified": [0.5, 0.5]}
+    variables = {name: (("case", "kind", "level"), np.array([[value]] * 5)) for name, value in values.items()}
+    return table(**variables, kind=["adapted"], case=cases)
+
+
 ROWS = [
+    # lambda_min(S) over its lower bound, min H_i/4, and over min H_i: the part that fails is told.
+    ("A.step", make_spectra([0.5, 0.2], [1.0, 0.4]), (2.0, True)),
+    ("A.step", make_spectra([0.5, 0.09], [1.0, 0.4]), (0.9, False)),
+    ("A.step", make_spectra([0.5, 0.5], [1.0, 0.4]), (1.25, False)),
     # Three pairs at least of asymptotic levels, with algebraic bounds of 1 % at most.
     ("A.rate", make_levels([0.5, 0.48, 0.6, NAN]), (0.48, True)),
     ("A.rate", make_levels([0.5, 0.46, 0.6, NAN], 0.02), (0.46, False)),

@@ -29,6 +29,42 @@ def rates_table(*rates, verdict="holds", why="", cases=("full_contact", "natural
     )
 
 
+ALL_ORDERS = (
+    *("full_contact", "natural", "no_contact", "smooth", "thirds", "vertex", "violates_jj"),
+    *("borderline_0.25", "borderline_0.1", "borderline_0.05", "obtuse_0.75", "obtuse_0.9"),
+)
+
+
+def l2_table(errors, algebraic=0.0, least_multiplier=1.0, asymptotic=(0.0, 1.0, 1.0, 1.0), cases=ALL_ORDERS):
+    """The same errors of u in L2 of all cases on five meshes, and the pairs of levels that are judged."""
+    n = len(cases)
+    sizes = 0.5 ** np.arange(5)
+    position = ("case", "norm", "h_over_H")
+    pairs = {"asymptotic": asymptotic, "h_coarse": sizes[:-1], "h_fine": sizes[1:]}
+    runs = {
+        "u_l2_error": errors,
+        "algebraic_bound": algebraic * np.array(errors),
+        "least_multiplier": np.full(5, least_multiplier),
+    }
+    return table(
+        **{name: ((*position, "pair"), np.full((n, 1, 1, 4), value)) for name, value in pairs.items()},
+        **{name: (("case", "mesh"), np.full((n, 5), value)) for name, value in runs.items()},
+        **{"case": list(cases), "norm": ["hm12"], "h_over_H": ("h_over_H", [0.5]), "h": sizes},
+    )
+
+
+def fixed_cells(D):
+    """D on three meshes, on cells of 16 edges and of 8, where it falls fast; the distance of lambda is 1."""
+    cases = ["full_contact", "natural", "smooth", "thirds"]
+    values = np.array([[[d, 0.01**level] for level, d in enumerate(D)]] * 4)
+    sizes = {"H": [1.0, 0.5], "h": ("mesh", [0.25, 0.125, 0.0625])}
+    return table(discrete_error=values, hm12_best=np.ones(values.shape), **sizes, case=cases)
+
+
+FOURTHS = 0.25 ** np.arange(5)
+LATE = FOURTHS * [9, 1, 1, 1, 1]
+SLOW = FOURTHS * [1, 1, 1, 1, 2]
+CONTACT = ("full_contact", "obtuse_0.75", "obtuse_0.9")
 FAST = [0.1, 1.0, 0.9]
 RISING = [0.1, 0.8, 1.1]
 LOW = [0.1, 0.3, 1.1]
@@ -64,6 +100,24 @@ ROWS = [
     ("T.R", rates_table(RISING, FAST, cases=REGULAR), (0.5, True)),
     ("T.R", rates_table(FAST, LOW, cases=REGULAR), ((0.3 - 2 / 3) / 0.03, False)),
     ("T.R", rates_table(RISING, FAST, verdict="fails", cases=REGULAR), "^irregular, reentrant, h1: fails"),
+    # In L2 the worst case is that of order 2, no_contact, or of full contact: by hand the rate 2, and 1.
+    ("T.L2", l2_table(FOURTHS), (0.0, True)),
+    ("T.L2", l2_table(LATE), (0.0, True)),
+    ("T.L2", l2_table(SLOW), (-10.0, False)),
+    ("T.L2", l2_table(FOURTHS, algebraic=0.011), "^square, borderline_0.05: a guaranteed algebraic error is"),
+    ("T.L2", l2_table(FOURTHS, asymptotic=(0, 0, 1, 1)), "^square, borderline_0.05: there are fewer than 3"),
+    (
+        "T.L2",
+        l2_table(FOURTHS, cases=CONTACT),
+        "^borderline_0.05 is in no scene; .*; violates_jj is in no sc",
+    ),
+    ("T.L2c", l2_table(FOURTHS), (0.0, True)),
+    ("T.L2c", l2_table(SLOW, least_multiplier=0.0), (-10.0, False)),
+    ("T.L2c", l2_table(FOURTHS, least_multiplier=0.0), "^square, full_contact: a multiplier is 0;"),
+    # At fixed H the rate of D in h alone on the finest pair, where 16 edges are in a cell there.
+    ("T.fix", fixed_cells([9.0, 1.0, 1.0]), (0.0, True)),
+    ("T.fix", fixed_cells([9.0, 2.0, 1.0]), (1.0, False)),
+    ("T.fix", fixed_cells([9.0, 0.5, 0.5]), (0.5, False)),
     # Over the last factor of 4.
     ("3.6", table(ritz_error=LAST, case=["reentrant", "violates_j"]), 1.5),
     ("4.14", table(interpolation_error=LAST, case=["thirds", "natural"]), 0.5),

@@ -134,6 +134,60 @@ def test_the_table_of_floors_has_constants_with_their_uncertainty():
     ]
 
 
+def test_the_table_of_errors_in_L2_has_the_largest_order_and_both_ends_of_the_rates():
+    """By hand: the rates 2 and 1, on the pairs that count; a case without such pairs has no row.
+
+    The second case has a D that its algebraic bound hides.
+    """
+    sizes = [1.0, 0.5, 0.25, 0.125]
+    errors = xr.Dataset(
+        {
+            "u_l2_error": (("case", "mesh"), 3 * [[9.0, 4.0, 1.0, 0.5]]),
+            "discrete_error": (("case", "mesh"), 3 * [[9.0, 9.0, 9.0, 4.0]]),
+            "algebraic_bound": (("case", "mesh"), [4 * [0.0], 4 * [5.0], 4 * [0.0]]),
+        },
+        coords={"case": ["first", "second", "third"], "h": ("mesh", sizes)},
+    )
+    index = ("case", "norm", "h_over_H", "pair")
+    asymptotic = np.array([[0.0, 1.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
+    pairs = {"asymptotic": asymptotic, "h_coarse": sizes[:-1], "h_fine": sizes[1:]}
+    rates = xr.Dataset(
+        {name: (index, np.broadcast_to(value, (3, 3))[:, None, None]) for name, value in pairs.items()},
+        coords={"case": ["first", "second", "third"], "norm": ["hm12"], "h_over_H": [0.5]},
+    )
+    claimed = [
+        {"scenes": ["square"], "orders": {"first": 1.5, "second": 1.1}},
+        {"scenes": ["square"], "orders": {"first": 2}},
+    ]
+    tables = {"square": errors, "lshape": errors.isel(case=[0])}
+    table = scenes.tabulate_u_in_l2(tables, {"square": rates, "lshape": rates}, 0.5, claimed)
+    assert table.values.tolist() == [
+        ["square", "`first`", "2", "1.00 to 2.00 (2 pairs)", "8"],
+        ["square", "`second`", "1.1", "1.00 to 2.00 (2 pairs)", "0"],
+        ["lshape", "`first`", "–", "1.00 to 2.00 (2 pairs)", "8"],
+    ]
+
+
+def test_the_table_of_fixed_cells_has_D_over_h_and_the_distance():
+    """At H = 1/8 below h = H; a case whose lambda lies in P0 is left out."""
+    D = np.array([[[7.0, 7.0], [7.0, 0.25], [7.0, 0.5]]] * 2)
+    errors = xr.Dataset(
+        {
+            "discrete_error": (("case", "mesh", "partition"), D),
+            "hm12_best": (("case", "mesh", "partition"), 0.1 * D * [[[1]], [[0]]]),
+            "u_norm": (("case", "mesh"), np.ones((2, 3))),
+        },
+        coords={
+            "case": ["first", "exact"],
+            "h": ("mesh", [1 / 8, 1 / 16, 1 / 32]),
+            "H": ("partition", [1 / 4, 1 / 8]),
+        },
+    )
+    table = scenes.tabulate_fixed_cells(errors)
+    assert list(table) == ["case", "h = 1/16", "h = 1/32", r"distance of $\lambda$"]
+    assert table.values.tolist() == [["`first`", "0.25", "0.5", "0.05"]]
+
+
 def test_nodes_in_the_middle_of_cells_are_told_apart_from_others():
     """By hand: of the pairs at h = H two have delta = 1/2 and equal cells."""
     columns = ["h_over_H", "delta", "alpha_1", "beta_lower"]

@@ -37,6 +37,11 @@ def make_unsolved_bounds(*bounds, ratio=1.0):
     return table(beta_upper=[[0.75, 0.5]], beta_fortin=[bounds], **fields)
 
 
+def make_cells(*bounds):
+    """beta_0 is 1/2 and 3/10; the shortest cells are a half and a quarter of the longest one."""
+    return table(beta_0=[[0.5, 0.3]], beta_0_certified=[bounds], H_over_Hi_max=("partition", [2.0, 4.0]))
+
+
 def pairing(*deltas):
     """The bound, delta/4, is 1/8 at 1/2, 0.08 at 0.32, 1/32 at 1/8; constants are 1/4, 0.4 or not known."""
     return table(pairing=[np.where(np.array(deltas) > 0, [0.25, 0.4], NAN)], delta=[deltas])
@@ -78,6 +83,10 @@ ROWS = [
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.25, 0.1]]), 2.0),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.1]]), 4.0),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.0]]), "nothing of which"),
+    # lambda_min(S) = beta_0^2 H over beta_*^2 min H_i: by hand 0.25 2/0.25 and 0.09 4/0.16.
+    ("T.step", make_cells(0.5, 0.4), 2.0),
+    ("T.step", make_cells(0.0, 0.4), 2.25),
+    ("T.step", make_cells(1.0, 0.4), (0.5, False)),
     # The bound without eigenvalues is judged where there is one: that it is below, and how far.
     ("T.fortin", make_unsolved_bounds(0.25, 0.25), 2.0),
     ("T.fortin", make_unsolved_bounds(0.25, 0.0), 3.0),
