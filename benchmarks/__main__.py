@@ -109,8 +109,10 @@ def run_module(python: str, module: str, *arguments: object) -> str:
 
 
 def one_thread_environment() -> dict[str, str]:
-    """The environment of what is measured."""
-    return {**os.environ, **dict.fromkeys(THREADS, "1")}
+    """The environment of what is measured: one thread, and modules stay compiled, as installed ones are."""
+    environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
 
 
 def available(

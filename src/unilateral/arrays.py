@@ -41,6 +41,12 @@ def row_blocks(n_rows: int, rows_per_block: int = 0) -> Iterator[slice]:
         yield slice(begin, min(begin + step, n_rows))
 
 
+def as_slice(rows: Index) -> Index | slice:
+    """The numbers of rows (k,) as a slice if each is the one before and 1, for these rows need no copy."""
+    is_consecutive = len(rows) > 0 and rows[-1] - rows[0] == len(rows) - 1 and np.all(np.diff(rows) == 1)
+    return slice(int(rows[0]), int(rows[-1]) + 1) if is_consecutive else rows
+
+
 def read_floats(values: object, where: str, requirement: str = ARRAY_REQUIREMENT) -> Array:
     """Copy in double precision of the numbers that a user gives: an array of any library, a list, a number.
 

@@ -210,6 +210,15 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(tmp_path: Path, started_mod
     assert started_modules.count("benchmarks.ours") == 1
 
 
+def test_a_process_keeps_its_compiled_modules_and_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else each run would compile this project's modules again, which an installation has compiled."""
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    environment = runner.one_thread_environment()
+    assert "PYTHONDONTWRITEBYTECODE" not in environment
+    assert environment["OMP_NUM_THREADS"] == "1"
+
+
 def test_a_run_with_other_settings_is_made_anew(tmp_path: Path, started_modules: list[str]) -> None:
     path = small(tmp_path)
     runner.Runner(path, tmp_path).all(plan.runs(path))

@@ -158,12 +158,16 @@ def _bound_residuals(
     # what tau~ leaves of the given flux; its dual norm is added to S
     tau_error = tau.projection_error(data.mesh, form)
     residual = residual_parts(source, tau, u_h, q, form)
-    u_residual = bound_residual(residual, tau_error, B)
-    S_shares = residual.shares()
-    # of v the hats and bubbles of y enter the residual, the norm of what else is in y is added to S
+    squares = residual.squares()
+    u_residual = bound_residual(residual, tau_error, B, squares)
+    S_shares = residual.shares(squares)
+    # of v the hats and bubbles of y enter the residual, the norm of what else is in y is added to S; only
+    # the triangles of the layer change
     hats, bubbles = layer.expand(y.nodal, y.bubbles)
     add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
-    v_residual = bound_residual(residual, y.missing_norm + tau_error, B)
+    v_squares = squares.copy()
+    v_squares[layer.triangles] = residual.squares_on(layer.triangles)
+    v_residual = bound_residual(residual, y.missing_norm + tau_error, B, v_squares)
     return u_residual, v_residual, S_shares
 
 

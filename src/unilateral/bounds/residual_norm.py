@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, row_blocks
+from unilateral.arrays import Array, Index, row_blocks
 from unilateral.fem.form import Form
 from unilateral.geometry.mesh import Mesh
 
@@ -80,16 +80,15 @@ class ResidualParts(NamedTuple):
         """The square of min(s, s') on each triangle, (m,)."""
         squares = np.empty_like(self.misfit)
         for block in row_blocks(len(squares)):
-            squares[block] = self._squares_of_block(block)
+            squares[block] = self.squares_on(block)
         return squares
 
-    def dual_norms(self) -> tuple[float, float]:
+    def dual_norms(self, squares: Array | None = None) -> tuple[float, float]:
         """S_1 and S: bounds on R(z) over the energy norm of z, for all z, and for z = 0 on clamped sides.
 
-        S_1 is infinite for c = 0.
+        S_1 is infinite for c = 0. If the `squares` (m,) of this residual are known, they serve again.
         """
-        blocks = [*row_blocks(len(self.misfit))]
-        S_1 = _root_with_rounding(sum(float(self._squares_of_block(block).sum()) for block in blocks))
+        S_1 = _root_with_rounding(float((self.squares() if squares is None else squares).sum()))
         k = self.form.k
         c = self.form.c
         C = self.form.friedrichs
@@ -98,7 +97,7 @@ class ResidualParts(NamedTuple):
 
         # (ii): S_2, where the largest value is not that of (i) for theta = 1
         gradient_squares = value_squares = 0.0
-        for block in blocks:
+        for block in row_blocks(len(self.misfit)):
             m = self.misfit[block] + self.mesh.longest_edges[block] / BESSEL_ZERO * self.oscillation[block]
             r = self.mean[block] + self.remainder[block]
             gradient_squares += float(m @ m)
@@ -109,30 +108,33 @@ class ResidualParts(NamedTuple):
             return S_1, S_1
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
-    def shares(self) -> Array:
-        """The triangles' parts (m,) of S^2: but for rounding their sum is at most that and at least half."""
+    def shares(self, squares: Array) -> Array:
+        """The triangles' parts (m,) of S^2: but for rounding their sum is at most that and at least half.
+
+        They are the `squares` (m,) of this residual unless S_2 is smaller than S_1.
+        """
         k = self.form.k
         c = self.form.c
         C = self.form.friedrichs
-        S_1, S = self.dual_norms() if math.isfinite(C) else (0.0, 0.0)
+        S_1, S = self.dual_norms(squares) if math.isfinite(C) else (0.0, 0.0)
         if S == S_1:
-            return self.squares()
+            return squares
         # S_2^2 <= 2 sum (m^2 + r^2) / (k + c C^2), with C times (r + E) for r
         m = self.misfit + self.mesh.longest_edges / BESSEL_ZERO * self.oscillation
         r = C * (self.mean + self.remainder)
         return np.asarray((m**2 + r**2) / (k + c * C**2))
 
-    def _squares_of_block(self, block: slice) -> Array:
-        """The square of min(s, s') on each triangle of a block, (k,)."""
+    def squares_on(self, triangles: slice | Index) -> Array:
+        """The square of min(s, s') on each of some triangles, (k,)."""
         k = self.form.k
         c = self.form.c
-        m = self.misfit[block]
-        o = self.oscillation[block]
-        r = self.mean[block]
-        E = self.remainder[block]
+        m = self.misfit[triangles]
+        o = self.oscillation[triangles]
+        r = self.mean[triangles]
+        E = self.remainder[triangles]
         if not c:
             return np.full_like(m, math.inf)
-        poincare = self.mesh.longest_edges[block] / BESSEL_ZERO
+        poincare = self.mesh.longest_edges[triangles] / BESSEL_ZERO
         ratio = c / k
 
         # (i): theta is best for E = 0, and any number where o = 0
@@ -141,7 +143,7 @@ class ResidualParts(NamedTuple):
         theta = np.fmin(np.fmax(theta, 0.0), 1.0)
         gradient_term = (m + theta * poincare * o) / math.sqrt(k)
         value_term = (np.hypot(r, (1 - theta) * o) + E) / math.sqrt(c)
-        return np.asarray(np.minimum(gradient_term**2 + value_term**2, self.s_prime[block] ** 2))
+        return np.asarray(np.minimum(gradient_term**2 + value_term**2, self.s_prime[triangles] ** 2))
 
 
 def _root_with_rounding(squares: float) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, row_blocks
+from unilateral.arrays import Array, Index, Mask, as_slice, row_blocks
 from unilateral.bounds.source_ancestors import (
     Ancestors,
     AncestorSearch,
@@ -101,7 +101,7 @@ class Source:
         mesh = self.mesh
         size = coordinate_scale(mesh)
         for block in row_blocks(len(triangles)):
-            some = triangles[block]
+            some = as_slice(triangles[block])
             area = mesh.areas[some]
             numbers = ancestors.numbers[some]
             corners = corner_coordinates(mesh.points, mesh.triangles[some])

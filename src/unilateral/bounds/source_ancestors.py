@@ -117,13 +117,13 @@ def project_polynomials(
     if MIN_RUN_LENGTH * (len(change) + 1) > len(numbers):
         return _project_each(places, c)
     starts = [0, *change.tolist()]
-    f_h = np.empty((3, len(numbers)))
-    squares = np.empty(len(numbers))
     runs = itertools.starmap(slice, itertools.pairwise([*starts, len(numbers)]))
-    for run, to_f_h, to_rest in zip(runs, *_coefficient_matrices(places[:, starts]), strict=True):
-        f_h[:, run] = to_f_h @ c[:, run]
-        squares[run] = np.sum((to_rest @ c[:, run]) ** 2, axis=0)
-    return f_h, squares
+    matrices = _coefficient_matrices(places[:, starts])
+    products = np.empty((matrices.shape[1], len(numbers)))
+    for run, matrix in zip(runs, matrices, strict=True):
+        np.matmul(matrix, c[:, run], out=products[:, run])
+    rest = products[3:]
+    return products[:3], np.einsum("qk,qk->k", rest, rest)
 
 
 def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
@@ -135,8 +135,8 @@ def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
     return f_h, weights @ p**2
 
 
-def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
-    """Matrices from p's coefficients to f_h (r, 3, m), and to numbers (r, q, m), for each of r triangles.
+def _coefficient_matrices(variables: Array) -> Array:
+    """Matrices (r, 3 + q, m) from p's coefficients to f_h and then to q numbers, for each of r triangles.
 
     The squares of these numbers add up to the mean of (p - f_h)^2. `variables` (6, r) are the corners'.
     """
@@ -148,7 +148,7 @@ def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
         [powers[i][0] * powers[j][1] for i, j in monomial_basis(2, SOURCE_DEGREE).exponents]
     ).T
     to_f_h = _corner_projection_matrix() @ monomials
-    return to_f_h, np.sqrt(weights)[:, None] * (monomials - hats @ to_f_h)
+    return np.concatenate([to_f_h, np.sqrt(weights)[:, None] * (monomials - hats @ to_f_h)], axis=1)
 
 
 def corner_variables(corners: tuple[Array, Array], frame: Array) -> tuple[Array, Array]:
@@ -334,14 +334,15 @@ class AncestorSearch:
         Half of what is wanted is shared out among the triangles, one half of it by area, the other equally;
         pieces of triangles that are cut (`source`) share the rest. New triangles near enough go to the sums.
         """
+        coarse = np.flatnonzero(self.is_coarse)
         area = self.mesh.areas
-        n = len(self.mesh.triangles)
-        remainder = self.polynomials.remainder[self.numbers]
-        candidates = np.flatnonzero(self.is_coarse & self.is_new)
+        remainder = self.polynomials.remainder[self.numbers[coarse]]
+        candidates = coarse[self.is_new[coarse]]
         polynomials = self.polynomials.select(self.numbers[candidates])
         target = self._extend_sums(polynomials, area[candidates]).target(self.relative_size)
-        share = 0.5 * (area / float(area.sum()) + 1 / n)
-        is_coarse = self.is_coarse & (area * remainder**2 > 0.5 * target * share)
+        share = 0.5 * (area[coarse] / float(area.sum()) + 1 / len(area))
+        is_coarse = np.zeros(len(area), dtype=bool)
+        is_coarse[coarse] = area[coarse] * remainder**2 > 0.5 * target * share
         fine = candidates[~is_coarse[candidates]]
         self.sums = self._extend_sums(self.polynomials.select(self.numbers[fine]), area[fine])
-        return np.asarray(is_coarse)
+        return is_coarse

@@ -36,6 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts
 
 
@@ -56,10 +57,15 @@ class ResidualBounds(NamedTuple):
     B: float
 
 
-def bound_residual(residual: ResidualParts, missing_norm: float, B: float) -> ResidualBounds:
-    """The bounds from the parts of the residual; `missing_norm` and B are only passed on."""
+def bound_residual(
+    residual: ResidualParts, missing_norm: float, B: float, squares: Array | None = None
+) -> ResidualBounds:
+    """The bounds from the parts of the residual, whose `squares` (m,) may be known.
+
+    `missing_norm` and B are only passed on.
+    """
     form = residual.form
-    S_1, S = residual.dual_norms()
+    S_1, S = residual.dual_norms(squares)
     m = e = e_N = math.inf
     if math.isfinite(form.friedrichs):
         # e and e_N: the bounds on what is left of the residual without the misfit

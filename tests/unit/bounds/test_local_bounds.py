@@ -47,14 +47,17 @@ def missing(monkeypatch, **options):
 
 
 def add_component(monkeypatch, component, name="residual_parts"):
-    """A part of both functions, or by `add_lift_to_residual` of v alone, is as large on a triangle inside."""
+    """A part of both functions is as large on a triangle inside.
+
+    By `add_lift_to_residual` it is a part of v alone, on a triangle of the layer, for on others v is u_h.
+    """
     original = getattr(local_bounds, name)
 
     def change_component(*arguments):
         residual_of_u = original(*arguments)
         residual = residual_of_u or arguments[0]
-        inside = ~np.isin(residual.mesh.triangles, residual.mesh.boundary).any(axis=1)
-        getattr(residual, component)[np.argmax(inside)] += LARGE
+        at_boundary = np.isin(residual.mesh.triangles, residual.mesh.boundary).any(axis=1)
+        getattr(residual, component)[np.argmax(at_boundary != bool(residual_of_u))] += LARGE
         return residual_of_u
 
     monkeypatch.setattr(local_bounds, name, change_component)

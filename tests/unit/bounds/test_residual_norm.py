@@ -250,6 +250,6 @@ def test_shares_are_parts_of_the_square(form):
     """Their sum is at most S^2 and at least half of it."""
     rng = np.random.default_rng(10)
     residual, _ = make_residual("square", rng, [1.0, 1.0, 1.0, 0.1], form)
-    total = residual.shares().sum()
+    total = residual.shares(residual.squares()).sum()
     S = residual.dual_norms()[1]
     assert 0.5 * S**2 * (1 - 1e-6) <= total <= S**2

@@ -128,11 +128,11 @@ def test_a_step_in_time_has_the_same_index(name, n):
 
 def test_a_step_in_time_needs_the_bound_by_parts(monkeypatch):
     """Control: without it the index grows like (h^2 c)^(1/4)."""
-    original = ResidualParts._squares_of_block
+    original = ResidualParts.squares_on
     monkeypatch.setattr(
         ResidualParts,
-        "_squares_of_block",
-        lambda self, block: original(self._replace(s_prime=np.full_like(self.mean, np.inf)), block),
+        "squares_on",
+        lambda self, triangles: original(self._replace(s_prime=np.full_like(self.mean, np.inf)), triangles),
     )
     bound, error = time_step(STEPS["hat"](np.arange(1, 8) / 8), 8, 1e12)
     assert bound > 10 * error

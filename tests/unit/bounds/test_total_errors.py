@@ -41,7 +41,7 @@ class Parts:
     def functional(self):
         return self.space.G.T @ self.misfit + self.remainder_load
 
-    def dual_norms(self):
+    def dual_norms(self, squares=None):
         A = self.space.matrix(self.form)
         V = self.space.V
         functional = self.functional()

@@ -157,12 +157,12 @@ def test_what_is_refused_is_no_number_with_its_reason_and_fails_the_claims():
 
 
 def forbid_integration_by_parts(monkeypatch):
-    squares = ResidualParts._squares_of_block
+    squares = ResidualParts.squares_on
 
-    def drop_s_prime(components, block):
-        return squares(components._replace(s_prime=np.full_like(components.mean, math.inf)), block)
+    def drop_s_prime(components, triangles):
+        return squares(components._replace(s_prime=np.full_like(components.mean, math.inf)), triangles)
 
-    monkeypatch.setattr(ResidualParts, "_squares_of_block", drop_s_prime)
+    monkeypatch.setattr(ResidualParts, "squares_on", drop_s_prime)
 
 
 def force_equilibrated_flux(monkeypatch):
@@ -172,7 +172,7 @@ def force_equilibrated_flux(monkeypatch):
 def divide_by_c_only(monkeypatch):
     """The residual counts by c^(-1/2) ||z||_0 only, and never by Poincare's or Friedrichs' inequality."""
 
-    def norms(components):
+    def norms(components, squares=None):
         inside = np.hypot(components.mean, components.oscillation) + components.remainder
         norm = math.sqrt(
             np.sum(components.misfit**2 / components.form.k + inside**2 / max(components.form.c, 1e-300))
