@@ -36,10 +36,9 @@ report: study  ## figures, tables, the paper, rules and their times as one page:
 test: git study  ## the study, linters, types, tests; then: are the committed results reproduced?
 	ruff check
 	ruff format --check
-	mypy
 	lint-imports --no-cache
 	snakefmt --check Snakefile workflow/rules
-	pytest -n 2 --dist loadfile
+	mypy & types=$$!; pytest -n 2 --dist loadfile && wait $$types
 	@changes=$$(git status --porcelain -- figures README.md paper.md supplement.md docs) || exit 1; \
 	if [ -n "$$changes" ]; then \
 	    echo "The study changed files in figures or docs, README.md, paper.md or supplement.md that git does not hold; look at them, then commit:" >&2; \

@@ -81,10 +81,11 @@ def _measure_scene(
 ) -> CostRows:
     """The rows of a scene's variants on meshes of all `mesh_sizes`; the file `norm` has its dual norm."""
     gram = Gram.from_table(tables.load_table(norm))
+    cases = scenes.load_cases(scene)
     rows: CostRows = {}
     for h in mesh_sizes:
         mesh = make_structured_mesh(scenes.scene_polygon(scene), parse_real(h, "cost.h"))
-        rows |= measure(mesh, scenes.load_cases(scene), gram, variants, sizes, study)
+        rows |= measure(mesh, cases, gram, variants, sizes, study)
     return rows
 
 
@@ -164,9 +165,10 @@ class _FactoredMesh(NamedTuple):
 
 def _factorise(mesh: Mesh) -> _FactoredMesh:
     """A factorised twice: with the boundary nodes last, and with the fewest operations."""
+    A = form_matrix(mesh)
     # The last block of these factors gives A_3, from which S is formed
-    boundary_last = factorise_by_dissection(form_matrix(mesh), mesh.boundary)
-    factors = factorise_by_dissection(form_matrix(mesh))
+    boundary_last = factorise_by_dissection(A, mesh.boundary)
+    factors = factorise_by_dissection(A)
     counts = {"A": operations.count_factors(factors.lu), "A_3": operations.count_factors(boundary_last.lu)}
     counts["S"] = counts["A_3"]
     return _FactoredMesh(condense_factors(mesh, boundary_last), factors, counts)

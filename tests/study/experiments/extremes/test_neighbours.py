@@ -30,20 +30,21 @@ def test_a_survey_has_all_points():
     assert table["work"].sel(case="smooth f").values[1] == pytest.approx(expected)
 
 
-NEIGHBOURS = {"neighbours": ["1/255", "1/256", "1/257"]}
-
-
 def test_neighbours_on_both_sides_of_a_power_of_2_take_the_same_work():
-    assert judge_claim(survey_neighbours(NEIGHBOURS)).holds
+    assert judge_claim(survey_neighbours({"neighbours": ["1/255", "1/256", "1/257"]})).holds
+
+
+CLIFF = {"neighbours": ["1/256", "1/257"]}
+"""Two neighbours, between which controls put a cliff."""
 
 
 def test_a_size_without_levels_is_seen(monkeypatch):
-    """255 and 257 are odd: such meshes have no coarse ones."""
+    """257 is odd: such a mesh has no coarse ones."""
     monkeypatch.setattr(sizes, "choose_halvings", lambda *_: 0)
-    assert judge_claim(survey_neighbours(NEIGHBOURS)).observed > 100
+    assert judge_claim(survey_neighbours(CLIFF)).observed > 100
 
 
 def test_f_that_is_looked_at_everywhere_is_seen(monkeypatch):
-    """On each of the triangles after six halvings; 256 has six from 4, and the others one or two."""
+    """On each of the triangles after six halvings; 256 has six from 4, and the other one or two."""
     monkeypatch.setattr(source_ancestors, "max_halvings_now", lambda _: 5)
-    assert judge_claim(survey_neighbours(NEIGHBOURS)).observed > 1.5
+    assert judge_claim(survey_neighbours(CLIFF)).observed > 1.5
