@@ -2,7 +2,7 @@
 -- with another number: so the text can be read unprocessed, too. `prefix` in the title block stands before the numbers of
 -- figures and tables; then sections have letters.
 -- A theorem is numbered in its first bold words, a formula by \tag{3}\label{eq-split}; links to them are looked at, too,
--- and those into another paper: [Supplement, Figure S3](supplement.md#fig-rates), in print a text.
+-- and those into another paper: [Supplement, Figure S3](supplement.md#fig-adaptive), in print a text.
 -- Gives wide tables their columns' widths. Repairs what pandoc does to \| (taken for a relation) and to && and the &
 -- of cases (no space). Raises and lowers scripts in plain text.
 

@@ -145,7 +145,7 @@ class GivenEdgeFlux(NamedTuple):
 
     def gradient_coefficients(self, mesh: Mesh) -> Array:
         """The factors (nb,) of |z|_{1,T} in the bound on the functional of rho, T at each boundary edge."""
-        # ||z - mean_T z||_T <= d / j |z|_{1,T} on triangles, j the first zero of J_1 (Lemma S18)
+        # ||z - mean_T z||_T <= d / j |z|_{1,T} on triangles, j the first zero of J_1 (Lemma S12)
         return np.sqrt(trace_constants(mesh, 1 / BESSEL_ZERO)) * self.remainder_norms
 
     def value_coefficients(self, mesh: Mesh) -> Array:

@@ -5,7 +5,7 @@ arc, extended into its half disc,
 
     <lambda, w> >= <lambda_H, w> - |||lambda - lambda_H|||_* |||w|||,
 
-and where this is positive, u = g somewhere in the arc (supplement, Proposition S20). Sides are halved until
+and where this is positive, u = g somewhere in the arc (supplement, Proposition S17). Sides are halved until
 u > g is proved, no contact is proved where lambda_H is positive throughout, or an arc is no longer than an
 edge. As no half disc fits at a vertex, nothing is decided there.
 """
@@ -136,7 +136,7 @@ class ContactProof:
     def bound_tents(self, arcs: Arcs) -> Array:
         """Lower bounds on <lambda, w> for the tents w on the arcs, 1 in the middle, (k,).
 
-        Where one is positive u = g somewhere in the arc (Proposition S20 (d)).
+        Where one is positive u = g somewhere in the arc (Proposition S17 (d)).
         """
         polygon = self.partition.polygon
         form = self.means.form

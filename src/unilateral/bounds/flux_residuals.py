@@ -13,7 +13,7 @@ weights a_e, and R its greatest distance from a vertex. The divergence theorem w
 What the exact mesh adds to the norms (`geometry.exact_mesh`) is counted with the rounding. On a triangle
 with the `distortion` eps it is eps |q| and eps |div q|, and at edges eps k |grad v|, too. At the boundary it
 is also what the sides' `stretch` changes of the flow through an edge, so that q.n on the exact boundary is
-what it is on this one (Proposition S7).
+what it is on this one (Proposition S14).
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def local_bound(
     check_discrete_solution(mesh, partition, u_h, lambda_H, form)
     w = u_h if potential is None else potential
 
-    # sigma near lambda_H, and q with q.n = sigma on sides with contact, q.n = tau~ on free ones (S8.1)
+    # sigma near lambda_H, and q with q.n = sigma on sides with contact, q.n = tau~ on free ones (F.1)
     sigma = build_normal_flux(mesh, partition, lambda_H, w, form)
     q = equilibrate_source(data.source, w, sigma.end_values + tau.end_values, form)
 
@@ -122,7 +122,7 @@ def local_bound(
     y_squares = lifting.layer.square_norms(form, *lifting.layer.expand(y.nodal, y.bubbles))
     D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + y.missing_norm
 
-    # S of u_h and of the feasible v = u_h + y (Lemma S18), and Theorem 8 (Proposition S14)
+    # S of u_h and of the feasible v = u_h + y (Lemma S12), and Theorem 8 (Proposition S11)
     u_residual, v_residual, S_shares = _bound_residuals(data, u_h, q, lifting.layer, y, form)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,

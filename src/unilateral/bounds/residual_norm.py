@@ -1,4 +1,4 @@
-"""The norm of a residual, from what it is made of on each triangle (supplement, S8.1).
+"""The norm of a residual, from what it is made of on each triangle (supplement, F.1).
 
 Let q be a flux with the normal flux of the residual R on the boundary, and rho = f + div q - c v, so that
 

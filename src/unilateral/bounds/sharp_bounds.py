@@ -89,7 +89,7 @@ def sharp_bound(
     field, v, steps = _improve_flux_and_potential(lifting, energy, field, data.given_flux, y)
     del energy
 
-    # S of u_h and of v (Lemma S18), and Theorem 8 (Proposition S14)
+    # S of u_h and of v (Lemma S12), and Theorem 8 (Proposition S11)
     u_residual, v_residual = _bound_improved_residuals(field, data.given_flux, u_h, s_prime, y, v)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,

@@ -12,7 +12,7 @@ e = u - u_h it follows that
     u(x) >= int omega u_h + rho^2 / (16 k) min_B (f_h - c u_h) - ||W||_0 ||f - f_h||_B / k
             + int (omega - c/k W) e.
 
-Where the right side is above g, u does not touch g (supplement, Proposition S20).
+Where the right side is above g, u does not touch g (supplement, Proposition S17).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ARCS_PER_BLOCK = 16
 DISTANCE_SHARE = 1 - 1e-6
 """Of distances to other sides this part is used, for they are rounded."""
 W_NORM = 0.1230
-"""||W||_0 / rho is (319 / (6720 pi))^(1/2) = 0.12292.. (Proposition S20)."""
+"""||W||_0 / rho is (319 / (6720 pi))^(1/2) = 0.12292.. (Proposition S17)."""
 
 
 class ErrorBounds(NamedTuple):
@@ -207,7 +207,7 @@ class HalfDiscs:
     def _interpolation_losses(self, size: Array) -> Array:
         """Bounds (d,) on |int (omega - I omega) v|, I omega linear on triangles, for |v| <= `size` (t,)."""
         # |D^2 omega| <= 4 max(1, 3 t - 1) peak / rho^2, and the mean of the error on a triangle is at most
-        # that times an eighth of the squared distances of the nodes from the centroid (Proposition S20 (c))
+        # that times an eighth of the squared distances of the nodes from the centroid (Proposition S17 (c))
         t = np.minimum((self.distance + self.circle) / self.radius[self.disc], 1.0) ** 2
         curvature = 4 * np.maximum(1, 3 * t - 1) * (self.peak / self.radius**2)[self.disc]
         spread = np.sum((self.place - self.centroid[:, None]) ** 2, axis=(0, 1)) / 8

@@ -1,4 +1,4 @@
-"""The theorem: total errors from the residuals of u_h and of a feasible v (supplement, S8.1).
+"""The theorem: total errors from the residuals of u_h and of a feasible v (supplement, F.1).
 
 Let q.n = sigma >= 0 on sides with contact, and let u_h + y be >= g there and u_D on clamped sides. R is the
 residual of u_h with q.n (`residual_norm`), |||.||| is the energy norm, D = |||y|||, B = <sigma, u_h + y - g>,

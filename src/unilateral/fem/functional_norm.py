@@ -16,7 +16,7 @@ the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only,
 
 with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_j as in
 `interpolation_constant`, computed like those: the largest eigenvalue on two values, the others eliminated.
-Used twice, (1) gives M_{i+j} <= M_i M_j. Both are Proposition S13 of the supplement. The map from these
+Used twice, (1) gives M_{i+j} <= M_i M_j. Both are Proposition S18 of the supplement. The map from these
 variables, with the ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of
 level 0, changes |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the
 triangles t of a level,
@@ -52,12 +52,12 @@ from unilateral.fem.hierarchy import Hierarchy
 from unilateral.formulas.taylor import EPS
 
 CHILDREN_CONSTANTS = np.array([1, 1, 1.0001, 1.4473, 2.0001])
-"""The entry m is an upper bound on C in (2) for a triangle with m children (Proposition S13).
+"""The entry m is an upper bound on C in (2) for a triangle with m children (Proposition S18).
 
 Those with 0 or 1 are not at a halved edge.
 """
 INTERPOLATION_CONSTANTS = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
-"""Upper bounds on M_0, M_1, ..., M_7 in (1) (Proposition S13)."""
+"""Upper bounds on M_0, M_1, ..., M_7 in (1) (Proposition S18)."""
 
 
 def interpolation_constant(halvings: int) -> float:

@@ -3,7 +3,7 @@
 The exact mesh has the same triangles, nodes inside and nodal values. Its boundary node at the arc length s of
 side i is the point that divides the side as s divides the interval from starts[i] to starts[i + 1]. The exact
 polygon is the one that was given. The bounds are computed on the mesh in memory, and what they need for the
-exact one is the supplement's Proposition S7.
+exact one is the supplement's Proposition S14.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.polygon import Polygon
 
 MAX_DISTORTION = 1e-3
-"""epsilon, kappa <= 10^-3 in Proposition S7, of `distortion_bounds` and `stretch`."""
+"""epsilon, kappa <= 10^-3 in Proposition S14, of `distortion_bounds` and `stretch`."""
 FACTOR_PER_DISTORTION = 6.0
-"""gamma of Proposition S7 is 1 + FACTOR_PER_DISTORTION (distortion + stretch)."""
+"""gamma of Proposition S14 is 1 + FACTOR_PER_DISTORTION (distortion + stretch)."""
 
 
 def boundary_node_shifts(polygon: Polygon, points: Array, side: Index, s: Array) -> Array:
@@ -40,7 +40,7 @@ def distortion_bounds(node_shifts: Array, triangles: Index, longest_edges: Array
     an edge over twice the area. The second term is the rounding of areas and edges, computed from
     coordinates.
     """
-    # epsilon_T = sum_j delta_j |grad phi_j|, |grad phi_j| <= longest edge / (2 |T|) (Proposition S7)
+    # epsilon_T = sum_j delta_j |grad phi_j|, |grad phi_j| <= longest edge / (2 |T|) (Proposition S14)
     shifts = np.add.reduce([node_shifts.take(nodes) for nodes in triangles.T])
     return np.asarray((0.5 * shifts + 4 * EPS * longest_edges) * longest_edges / areas)
 

@@ -21,7 +21,7 @@ from unilateral.system.optional import require
 MAX_ROUNDING_PER_H = 1e-6
 """The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
 MAX_ROUNDING_PER_EDGE = exact_mesh.MAX_DISTORTION
-"""The rounding of coordinates may be this part of any edge; then S7 holds."""
+"""The rounding of coordinates may be this part of any edge; then Proposition S14 holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Mesh:
     @property
     def exact_mesh_factor(self) -> float:
         """The factor gamma by which norms, constants and lengths may be larger on the exact mesh."""
-        # gamma = 1 + 6 (epsilon + kappa), Proposition S7
+        # gamma = 1 + 6 (epsilon + kappa), Proposition S14
         change = float(self.distortion.max() + self.polygon.stretch.max())
         return 1 + exact_mesh.FACTOR_PER_DISTORTION * change
 

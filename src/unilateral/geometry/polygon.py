@@ -101,7 +101,7 @@ class Polygon:
     @cached_property
     def stretch(self) -> Array:
         """Bounds on how far starts[i + 1] - starts[i] is from the length of side i, relative to it, (n,)."""
-        # kappa of Proposition S7: the sums of lengths in `starts` are rounded as the perimeter is
+        # kappa of Proposition S14: the sums of lengths in `starts` are rounded as the perimeter is
         return make_read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
     @property

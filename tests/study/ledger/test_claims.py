@@ -244,7 +244,7 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
 
 
 def exact_orders(scene):
-    """p of Proposition S9 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
+    """p of Proposition S20 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
     polygon = find_polygon(STUDY["scenes"][scene]["polygon"])
     side = STUDY["scenes"][scene].get("side", 0)
     if polygon.angles.max() >= np.pi:

@@ -325,7 +325,7 @@ def excess(n):
 
 
 def test_the_index_of_u_tends_to_1_only_if_u_h_is_lowered_in_contact(monkeypatch):
-    """Proposition S9: its excess falls like h, less the tolerance of F.exact. Control: y >= 0 everywhere.
+    """Proposition S20: its excess falls like h, less the tolerance of F.exact. Control: y >= 0 everywhere.
 
     Then 2 <lambda, u_h + y - g> is of the order of the squared error.
     """

@@ -161,7 +161,7 @@ def test_the_growth_has_the_largest_of_both():
 
 
 def test_the_growth_is_what_the_proof_adds_up():
-    """Proposition S7: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
+    """Proposition S14: 1 + 3 t + 10 t^2 for t = epsilon + kappa, at most 10^-3 each; 2 t is too little."""
     t = np.linspace(1e-9, 2 * exact_mesh.MAX_DISTORTION, 1000)
     assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.FACTOR_PER_DISTORTION * t)
     assert exact_mesh.MAX_DISTORTION == 1e-3

@@ -103,7 +103,7 @@ def sampled_places(seed, per_side=6):
         b = Fraction(end[piece])
         for x, value in zip(nodes, samples.value[j].tolist(), strict=True):
             s = (ends[j] + ends[j + 1]) / 2 + (ends[j + 1] - ends[j]) / 2 * Fraction(x)
-            # supplement, S7: s divides the side as it divides the interval between the stored arc lengths
+            # supplement, F.2: s divides the side as it divides the interval between the stored arc lengths
             t = (s - starts[i]) / (starts[i + 1] - starts[i])
             sigma = (2 * t - a - b) / (b - a)
             # next to an end of a piece an interval may be one of rounding alone

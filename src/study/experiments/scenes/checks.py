@@ -196,7 +196,7 @@ def list_absent_cases(runs: Iterable[xr.Dataset], cases: Iterable[str]) -> list[
 def exactness(
     tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], tolerance: float
 ) -> Evidence:
-    """The least excess of the rates of index - 1 over those of Proposition S9, in tolerances.
+    """The least excess of the rates of index - 1 over those of Proposition S20, in tolerances.
 
     Of cases with the order p the expected rate is 2 (p - 1), or the tolerance if that is larger: a rate may
     fall short by the tolerance, but not below 0. Raises Unjudged if a case is in no scene.

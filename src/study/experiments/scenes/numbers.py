@@ -241,7 +241,7 @@ def tabulate_exactness(scenes: Mapping[str, xr.Dataset], claim_parameters: Mappi
         h = format_value(float(table["h"][-1]), "1/n")
         for case in table["case"].values:
             finest = table.sel(case=case).isel(mesh=-1)
-            # Proposition S9: the rate 2 (p - 1); for p = 1 it is only proved that the index falls to 1
+            # Proposition S20: the rate 2 (p - 1); for p = 1 it is only proved that the index falls to 1
             proved = DASH
             order = orders.get(case)
             if order is not None:
