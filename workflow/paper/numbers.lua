@@ -207,12 +207,12 @@ local function check(link, says, name)
   if says:sub(-#name) ~= name then error(shown .. " should say " .. name, 0) end
 end
 
--- In print a table of at most SHORT rows stays on one page.
+-- In print a table of at most SHORT rows stays on one page, at its top or bottom.
 local function kept_whole(printed)
   local rows = 0
   for _, body in ipairs(printed.bodies) do rows = rows + #body.body end
   if FORMAT ~= "typst" or rows > SHORT then return nil end
-  local begin = pandoc.RawBlock("typst", "#[#show figure: set block(breakable: false)")
+  local begin = pandoc.RawBlock("typst", "#[#set figure(placement: auto)\n#show figure: set block(breakable: false)")
   return { begin, printed, pandoc.RawBlock("typst", "]") }, false
 end
 
