@@ -11,7 +11,7 @@ PAGES = 12
 WORDS = 6500  # a page and a half of it are references
 """The most pages and words of paper.md: somebody reads so much in one sitting."""
 SUPPLEMENT_WORDS = 17_000
-"""The most of supplement.md, in which blanks divide formulas and tables into words, too: a proof stands once."""
+"""The most of supplement.md; blanks divide its formulas into words, too."""
 
 
 def words(text):
