@@ -177,10 +177,7 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
         yield ("totals", "scenes"), scene, scenes
         for i, case in enumerate(cases):
             yield ("totals", "scenes", scene, i), case, scenes[scene]["cases"]
-    for case, norms in study["rates"]["cases"].items():
-        for norm, expected in norms.items():
-            for i, scene in enumerate(expected.get("unproved", [])):
-                yield ("rates", "cases", case, norm, "unproved", i), scene, scenes
+    yield from _list_unproved_references(study)
     for field in ("floors", "u_in_l2"):
         for i, scene in enumerate(study[field]):
             yield (field, i), scene, scenes
@@ -204,6 +201,14 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
     yield ("figures", "consistency", "case"), figures["consistency"]["case"], [*square, *irregular]
     for i, case in enumerate(figures["consistency"]["cases"]):
         yield ("figures", "consistency", "cases", i), case, [*square, *irregular]
+
+
+def _list_unproved_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
+    """Scenes on which no theorem proves a rate, each with its place and those that it may be."""
+    for case, norms in study["rates"]["cases"].items():
+        for norm, expected in norms.items():
+            for i, scene in enumerate(expected.get("unproved", [])):
+                yield ("rates", "cases", case, norm, "unproved", i), scene, study["scenes"]
 
 
 def _find_number_faults(study: Fields) -> Iterator[tuple[Place, str]]:

@@ -119,8 +119,8 @@ def test_the_first_page_shows_results_and_the_graph_of_rules_below_them(report_p
     """As the report opens: its text begins within the window, and the graph where the text has ended."""
     text = wait(report_page, lambda d: d.find_element(By.CSS_SELECTOR, "#app .document"))
     graph = wait(report_page, lambda d: d.find_element(By.CSS_SELECTOR, "#app canvas, #app svg.marks"))
-    least = json.loads((ROOT / "results/numbers.json").read_text())["claims.S.local.observed"]
-    assert f"the least inf-sup constant that was found is {str(least)[:4]}" in text.text
+    beta = json.loads((ROOT / "results/numbers.json").read_text())["claims.S.local.observed"]
+    assert f"the least inf-sup constant that was found is {str(beta)[:4]}" in text.text
     assert text.location["y"] >= 0
     assert graph.location["y"] >= text.location["y"] + text.size["height"]
 

@@ -25,7 +25,7 @@ the midpoints of cells, or at nodes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -58,6 +58,9 @@ NODAL = "nodal reactions"
 STABILISED = "stabilised, H = h"
 LINEAR = "linear"
 
+ERRORS = ("hm12_error_lower", "hm12_error_upper", "l2_error", "algebraic_bound")
+"""The variables over `case` and `scheme`."""
+
 
 def measure_multipliers(study: Mapping[str, Any], errors: str) -> None:
     """Write the table of all cases, methods and sizes."""
@@ -82,20 +85,30 @@ def measure(
     methods = discretise(cases, mesh, edges_per_cell, stabilisation)
     rows = []
     for k, case in enumerate(cases):
-        results = [
-            uzawa(method.operator, method.offsets[k], ALGEBRAIC_TOLERANCE, method="newton")
-            for method in methods.values()
-        ]
-        pairs = zip(methods.values(), results, strict=True)
-        mu = np.array([method.evaluate_at_ends(result.lambda_H) for method, result in pairs])
-        lower, upper = norm.bound_error(case, mu, edges)
-        bounds = [result.bound for result in results]
-        rows.append([lower, upper, measure_l2_errors(case, edges, mu), bounds])
-    names = ("hm12_error_lower", "hm12_error_upper", "l2_error", "algebraic_bound")
-    values = {name: (("case", "scheme"), np.array(rows)[:, i]) for i, name in enumerate(names)}
-    unknowns = [len(method.operator.H_i) for method in methods.values()]
-    coords = {"case": [case.name for case in cases], "scheme": list(methods)}
-    return xr.Dataset({**values, "multipliers": ("scheme", unknowns)}, coords=coords)
+        multipliers, bounds = solve_methods(methods.values(), k)
+        lower, upper = norm.bound_error(case, multipliers, edges)
+        rows.append([lower, upper, measure_l2_errors(case, edges, multipliers), bounds])
+    named_columns = zip(ERRORS, np.moveaxis(np.array(rows), 1, 0), strict=True)
+    values = {name: (("case", "scheme"), column) for name, column in named_columns}
+    return xr.Dataset(
+        {**values, "multipliers": ("scheme", count_multipliers(methods))},
+        coords={"case": [case.name for case in cases], "scheme": list(methods)},
+    )
+
+
+def count_multipliers(methods: Mapping[str, Method]) -> list[int]:
+    """How many lambda_i each method has."""
+    return [len(method.operator.H_i) for method in methods.values()]
+
+
+def solve_methods(methods: Iterable[Method], k: int) -> tuple[Array, list[float]]:
+    """Each method's multiplier (methods, nb, 2) for case k at the ends of edges, and its algebraic bound."""
+    results = [
+        (method, uzawa(method.operator, method.offsets[k], ALGEBRAIC_TOLERANCE, method="newton"))
+        for method in methods
+    ]
+    multipliers = np.array([method.evaluate_at_ends(result.lambda_H) for method, result in results])
+    return multipliers, [result.bound for _, result in results]
 
 
 class Method(NamedTuple):
@@ -123,10 +136,42 @@ def discretise(
     A = stiffness + mass
     order = elimination_order(A, mesh.boundary)
     loads = np.array([load_vector(mesh, case_moments(case, mesh)) for case in cases])
+    # A^{-1} on the boundary and A^{-1} f there serve all methods without C
+    inverse, traces = eliminate(A, boundary_trace(mesh), loads, order)
+    methods = {}
+    for name, (basis, g) in list_bases(cases, mesh, edges_per_cell).items():
+        B = basis.T @ pair_with_hats(mesh)
+        methods[name] = make_method(mesh, basis, B @ (B @ inverse).T, traces @ B.T - g)
+    edge_integrals = integrate_obstacles(cases, Partition(mesh.polygon, mesh.s))
+    methods[STABILISED] = stabilise(mesh, A, loads, order, edge_integrals, stabilisation)
+    return methods | draw_linear_functions(methods, mesh, edges_per_cell[0])
+
+
+def stabilise(
+    mesh: Mesh, A: sp.csr_array, loads: Array, order: Index, g: Array, stabilisation: float
+) -> Method:
+    """The stabilised method with a constant on each edge; `g` (k, nb) are the integrals over the edges."""
+    # the saddle point has C = gamma |e|^2, and A - N^T C N and B - C N in the places of A and B
+    N = normal_derivatives(mesh)
+    C = sp.diags_array(stabilisation * np.diff(mesh.s) ** 2)
+    basis = indicator_basis(np.arange(len(mesh.boundary)))
+    B = basis.T @ pair_with_hats(mesh) @ boundary_trace(mesh) - C @ N
+    D, q = eliminate((A - N.T @ C @ N).tocsr(), B, loads, order)
+    return make_method(mesh, basis, D + C.toarray(), q - g)
+
+
+def boundary_trace(mesh: Mesh) -> sp.csr_array:
+    """The matrix (nb, n) that takes values at nodes to those at boundary nodes."""
     nb = len(mesh.boundary)
-    trace = sp.csr_array((np.ones(nb), (np.arange(nb), mesh.boundary)), shape=(nb, mesh.n_nodes))
+    return sp.csr_array((np.ones(nb), (np.arange(nb), mesh.boundary)), shape=(nb, mesh.n_nodes))
+
+
+def list_bases(
+    cases: Sequence[ExactSolution], mesh: Mesh, edges_per_cell: Sequence[int]
+) -> dict[str, tuple[sp.csr_array, Array]]:
+    """The psi_i and the g_i (k, m) of the methods without C, by their names."""
+    nb = len(mesh.boundary)
     lengths = np.diff(mesh.s)
-    # the psi_i and the g_i of the methods without C
     bases = {}
     for count in edges_per_cell:
         cells = Partition(mesh.polygon, mesh.s[::count])
@@ -134,27 +179,20 @@ def discretise(
         bases[f"P0, H = {count}h"] = (basis, integrate_obstacles(cases, cells))
     nodal_obstacles = np.array([obstacle_at_nodes(case.problem, mesh) for case in cases])
     bases[NODAL] = (nodal_basis(nb, 2.0, -1.0), 0.5 * (lengths + np.roll(lengths, 1)) * nodal_obstacles)
-    # A^{-1} on the boundary and A^{-1} f there serve all of them
-    inverse, traces = eliminate(A, trace, loads, order)
-    methods = {}
-    for name, (basis, g) in bases.items():
-        B = basis.T @ pair_with_hats(mesh)
-        methods[name] = make_method(mesh, basis, B @ (B @ inverse).T, traces @ B.T - g)
-    # the saddle point has C = gamma |e|^2, and A - N^T C N and B - C N in the places of A and B
-    N = normal_derivatives(mesh)
-    C = sp.diags_array(stabilisation * lengths**2)
-    basis = indicator_basis(np.arange(nb))
-    B = basis.T @ pair_with_hats(mesh) @ trace - C @ N
-    D, q = eliminate((A - N.T @ C @ N).tocsr(), B, loads, order)
-    g = integrate_obstacles(cases, Partition(mesh.polygon, mesh.s))
-    methods[STABILISED] = make_method(mesh, basis, D + C.toarray(), q - g)
-    # linear functions by the same lambda_i
-    first = edges_per_cell[0]
-    through_midpoints = midpoint_basis(mesh, Partition(mesh.polygon, mesh.s[::first]))
-    cells_name = f"P0, H = {first}h"
-    methods[f"{cells_name}, {LINEAR}"] = methods[cells_name]._replace(basis=through_midpoints)
-    methods[f"{NODAL}, {LINEAR}"] = methods[NODAL]._replace(basis=nodal_basis(nb, 1.0, 0.0))
-    return methods
+    return bases
+
+
+def draw_linear_functions(
+    methods: Mapping[str, Method], mesh: Mesh, edges_per_cell: int
+) -> dict[str, Method]:
+    """Linear functions by the same lambda_i: through midpoints of cells, and by values at nodes."""
+    through_midpoints = midpoint_basis(mesh, Partition(mesh.polygon, mesh.s[::edges_per_cell]))
+    cells_name = f"P0, H = {edges_per_cell}h"
+    at_nodes = nodal_basis(len(mesh.boundary), 1.0, 0.0)
+    return {
+        f"{cells_name}, {LINEAR}": methods[cells_name]._replace(basis=through_midpoints),
+        f"{NODAL}, {LINEAR}": methods[NODAL]._replace(basis=at_nodes),
+    }
 
 
 def eliminate(A: sp.csr_array, B: sp.csr_array, loads: Array, order: Index) -> tuple[Array, Array]:

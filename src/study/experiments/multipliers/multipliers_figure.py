@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from study import style, tables
 
@@ -62,13 +63,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
                     axes.set_xlabel("mesh size $h$", labelpad=1)
                 if left_cm == PANEL_LEFTS_CM[0]:
                     axes.set_ylabel(NORM_LABELS[str(norm)], labelpad=1)
-        labels = {scheme: scheme for scheme in schemes} | {
-            ORDER_SCHEME: r"order $\frac{3}{2}$ above, 1 below"
-        }
-        handles = [style.legend_entry(label, **looks[scheme]) for scheme, label in labels.items()]
-        style.add_legend(
-            figure, handles, PANEL_LEFTS_CM[0] - 0.8, min(PANEL_BOTTOMS_CM.values()) - 1.2, ncols=3
-        )
+        _add_legend(figure, schemes, looks)
+
+
+def _add_legend(figure: Figure, schemes: list[str], looks: dict[str, style.Look]) -> None:
+    labels = {scheme: scheme for scheme in schemes} | {ORDER_SCHEME: r"order $\frac{3}{2}$ above, 1 below"}
+    handles = [style.legend_entry(label, **looks[scheme]) for scheme, label in labels.items()]
+    style.add_legend(figure, handles, PANEL_LEFTS_CM[0] - 0.8, min(PANEL_BOTTOMS_CM.values()) - 1.2, ncols=3)
 
 
 def _choose_looks(schemes: list[str]) -> dict[str, style.Look]:
