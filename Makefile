@@ -38,7 +38,7 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	ruff format --check
 	lint-imports --no-cache
 	snakefmt --check Snakefile workflow/rules
-	mypy & types=$$!; pytest -n 2 --dist loadfile && wait $$types
+	mypy & types=$$!; pytest -n 2 --dist loadfile; tests=$$?; wait $$types && exit $$tests
 	@changes=$$(git status --porcelain -- figures README.md paper.md supplement.md docs) || exit 1; \
 	if [ -n "$$changes" ]; then \
 	    echo "The study changed files in figures or docs, README.md, paper.md or supplement.md that git does not hold; look at them, then commit:" >&2; \

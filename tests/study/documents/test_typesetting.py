@@ -246,6 +246,12 @@ def test_what_cannot_be_typeset_is_refused_and_nothing_is_written(typeset, tmp_p
     assert not list(tmp_path.glob("*.pdf")) + list(tmp_path.glob("*.html"))
 
 
+def test_the_first_page_of_the_report_is_restructured_text_without_marks():
+    text = "# Head\n\n- **Bold.** It is <!--?A.1-->at least <!--=a:.2f-->0.64<!--/-->.<!--/-->\n"
+    converted = typesetting.convert_to_restructured_text(text)
+    assert converted == "Head\n====\n\n- **Bold.** It is at least 0.64.\n"
+
+
 def test_print_uses_only_fonts_that_typst_carries():
     template = (ROOT / "workflow/paper/paper.typ").read_text(encoding="utf-8")
     used = set(re.findall(r'"([A-Z][a-z]+(?: [A-Z][a-z]+)+)"', template))

@@ -57,7 +57,6 @@ REFERENCE_EDGES = 4
 NODAL = "nodal reactions"
 STABILISED = "stabilised, H = h"
 LINEAR = "linear"
-
 ERRORS = ("hm12_error_lower", "hm12_error_upper", "l2_error", "algebraic_bound")
 """The variables over `case` and `scheme`."""
 
